@@ -1,0 +1,182 @@
+//! The one error type of the crate: what went wrong, where, and what to do about it.
+
+use std::fmt;
+use std::path::{Path, PathBuf};
+
+/// What sort of failure an [`Error`] is; a program maps it to an exit code, a library user to a decision.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum ErrorKind {
+    /// The operating system refused to read or write a file.
+    Io,
+    /// The bytes of a file do not follow its format, or the format is unknown.
+    Format,
+    /// The points are unusable: too few, not finite, all in one plane.
+    Data,
+    /// An option is out of range or contradicts another.
+    Config,
+    /// The field has no zero level set inside the grid, so there is no surface to extract.
+    NoSurface,
+    /// The optimisation produced non-finite values and could not be brought back.
+    Diverged,
+    /// The progress callback asked to stop.
+    Cancelled,
+    /// A checkpoint is damaged or belongs to another configuration.
+    Checkpoint,
+}
+
+/// An error with its kind, its position (file, line, element) and what to do about it.
+///
+/// The fields are private so that more positions can be added without breaking users. `Display` prints one line:
+/// `file:line: element: message; advice`.
+#[derive(Debug)]
+pub struct Error {
+    kind: ErrorKind,
+    message: String,
+    file: Option<PathBuf>,
+    line: Option<u64>,
+    element: Option<String>,
+    advice: Option<String>,
+    source: Option<Box<dyn std::error::Error + Send + Sync + 'static>>,
+}
+
+impl Error {
+    /// An error of `kind` that says what is wrong.
+    pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
+        Error {
+            kind,
+            message: message.into(),
+            file: None,
+            line: None,
+            element: None,
+            advice: None,
+            source: None,
+        }
+    }
+
+    /// Adds the file it happened in.
+    #[must_use]
+    pub fn in_file(mut self, file: impl AsRef<Path>) -> Self {
+        self.file = Some(file.as_ref().to_path_buf());
+        self
+    }
+
+    /// Adds the line it happened at, counted from 1.
+    #[must_use]
+    pub fn at_line(mut self, line: u64) -> Self {
+        self.line = Some(line);
+        self
+    }
+
+    /// Adds the element it happened at, such as `vertex 17` or `option grid.resolution`.
+    #[must_use]
+    pub fn at_element(mut self, element: impl Into<String>) -> Self {
+        self.element = Some(element.into());
+        self
+    }
+
+    /// Adds what the user can do about it.
+    #[must_use]
+    pub fn advise(mut self, advice: impl Into<String>) -> Self {
+        self.advice = Some(advice.into());
+        self
+    }
+
+    /// Adds the error that caused this one.
+    #[must_use]
+    pub fn caused_by(
+        mut self,
+        source: impl Into<Box<dyn std::error::Error + Send + Sync + 'static>>,
+    ) -> Self {
+        self.source = Some(source.into());
+        self
+    }
+
+    /// What sort of failure this is.
+    pub fn kind(&self) -> ErrorKind {
+        self.kind
+    }
+
+    /// What went wrong, without position and advice.
+    pub fn message(&self) -> &str {
+        &self.message
+    }
+
+    /// The file it happened in, if one is known.
+    pub fn file(&self) -> Option<&Path> {
+        self.file.as_deref()
+    }
+
+    /// The line it happened at, counted from 1, if one is known.
+    pub fn line(&self) -> Option<u64> {
+        self.line
+    }
+
+    /// The element it happened at, such as `vertex 17`, if one is known.
+    pub fn element(&self) -> Option<&str> {
+        self.element.as_deref()
+    }
+
+    /// What the user can do about it, if anything is known to help.
+    pub fn advice(&self) -> Option<&str> {
+        self.advice.as_deref()
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(file) = &self.file {
+            write!(f, "{}", file.display())?;
+            if let Some(line) = self.line {
+                write!(f, ":{line}")?;
+            }
+            write!(f, ": ")?;
+        } else if let Some(line) = self.line {
+            write!(f, "line {line}: ")?;
+        }
+        if let Some(element) = &self.element {
+            write!(f, "{element}: ")?;
+        }
+        write!(f, "{}", self.message)?;
+        if let Some(source) = &self.source {
+            write!(f, " ({source})")?;
+        }
+        if let Some(advice) = &self.advice {
+            write!(f, "; {advice}")?;
+        }
+        Ok(())
+    }
+}
+
+impl std::error::Error for Error {
+    fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
+        self.source.as_ref().map(|e| &**e as &(dyn std::error::Error + 'static))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn prints_place_message_cause_and_advice_on_one_line() {
+        let e = Error::new(ErrorKind::Format, "3 numbers expected, 2 found")
+            .in_file("cloud.xyz")
+            .at_line(12)
+            .at_element("point 11")
+            .advise("delete the line or complete it");
+        assert_eq!(
+            e.to_string(),
+            "cloud.xyz:12: point 11: 3 numbers expected, 2 found; delete the line or complete it"
+        );
+        let io = Error::new(ErrorKind::Io, "cannot open").caused_by(std::io::Error::other("denied"));
+        assert_eq!(io.to_string(), "cannot open (denied)");
+        assert!(std::error::Error::source(&io).is_some());
+    }
+
+    #[test]
+    fn crosses_threads() {
+        fn check<T: Send + Sync + 'static>() {}
+        check::<Error>();
+    }
+}

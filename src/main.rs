@@ -1,0 +1,3 @@
+//! The program `bijective-sdf`.
+
+fn main() {}
