@@ -32,13 +32,15 @@ pub(super) struct Level<'g> {
     known: Vec<u32>,
     /// Those of them whose corners differ in sign, ascending.
     pub mixed: Vec<u32>,
+    /// The level before this one, from which samples are taken over.
+    pub coarser: Option<Box<Level<'g>>>,
 }
 
 impl<'g> Level<'g> {
     pub fn new(grid: &'g TetGrid, stride: usize) -> Self {
         let cubes = grid.resolution().map(|r| r.div_ceil(stride) as u32);
         let bricks = Bricks::new(cubes.map(|n| n + 1));
-        Level { grid, stride, cubes, bricks, known: Vec::new(), mixed: Vec::new() }
+        Level { grid, stride, cubes, bricks, known: Vec::new(), mixed: Vec::new(), coarser: None }
     }
 
     fn id(&self, c: [u32; 3]) -> u32 {
@@ -56,10 +58,16 @@ impl<'g> Level<'g> {
         std::array::from_fn(|a| (c[a] as usize * self.stride).min(r[a]))
     }
 
-    /// The same vertex on the next coarser level, if that has it: every second one and the last of each axis.
-    fn in_parent(&self, c: [u32; 3], parent: &Level<'_>) -> Option<[u32; 3]> {
-        let halved = std::array::from_fn(|a| if c[a] == self.cubes[a] { parent.cubes[a] } else { c[a] / 2 });
-        (0..3).all(|a| c[a] == self.cubes[a] || c[a] % 2 == 0).then_some(halved)
+    /// The value that a coarser level has for a vertex: each has every second vertex and the last of each axis.
+    fn inherited(&self, c: [u32; 3]) -> Option<f32> {
+        let coarser = self.coarser.as_deref()?;
+        let last = |a: usize| c[a] == self.cubes[a];
+        if (0..3).any(|a| c[a] % 2 == 1 && !last(a)) {
+            return None;
+        }
+        let there = std::array::from_fn(|a| if last(a) { coarser.cubes[a] } else { c[a] / 2 });
+        let stored = coarser.bricks.slot(there).map(|slot| coarser.bricks.values[slot]);
+        stored.filter(|value| !value.is_nan()).or_else(|| coarser.inherited(there))
     }
 
     pub fn all_cubes(&self) -> Vec<u32> {
@@ -86,14 +94,9 @@ impl<'g> Level<'g> {
         steps.filter_map(|s| self.cube_at(nearest, s)).map(|c| self.id(c)).collect()
     }
 
-    /// Samples the corners of `cubes` that have no value yet, in one batch; takes what it can from the `parent` level.
+    /// Samples the corners of `cubes` that have no value yet, in one batch; takes what it can from the coarser levels.
     #[track_caller]
-    pub fn fill(
-        &mut self,
-        cubes: &[u32],
-        parent: Option<&Level<'_>>,
-        eval: &mut FieldFn<'_>,
-    ) -> Result<(), Error> {
+    pub fn fill(&mut self, cubes: &[u32], eval: &mut FieldFn<'_>) -> Result<(), Error> {
         let mut batch = Vec::new();
         for &id in cubes {
             let c = self.coords(id);
@@ -103,10 +106,7 @@ impl<'g> Level<'g> {
                 if !self.bricks.values[slot].is_nan() || self.bricks.marks[slot] & PENDING != 0 {
                     continue;
                 }
-                let inherited = parent
-                    .and_then(|p| p.bricks.slot(self.in_parent(v, p)?).map(|slot| p.bricks.values[slot]))
-                    .filter(|value| !value.is_nan());
-                if let Some(value) = inherited {
+                if let Some(value) = self.inherited(v) {
                     self.bricks.values[slot] = value;
                 } else {
                     self.bricks.marks[slot] |= PENDING;
@@ -153,19 +153,14 @@ impl<'g> Level<'g> {
 
     /// Samples `cubes` (ascending, distinct) and every cube that the surface leads to from them.
     #[track_caller]
-    pub fn sample(
-        &mut self,
-        cubes: Vec<u32>,
-        parent: Option<&Level<'_>>,
-        eval: &mut FieldFn<'_>,
-    ) -> Result<(), Error> {
+    pub fn sample(&mut self, cubes: Vec<u32>, eval: &mut FieldFn<'_>) -> Result<(), Error> {
         let mut frontier = cubes;
         for &id in &frontier {
             let slot = self.bricks.slot_or_new(self.coords(id));
             self.bricks.marks[slot] |= KNOWN;
         }
         while !frontier.is_empty() {
-            self.fill(&frontier, parent, eval)?;
+            self.fill(&frontier, eval)?;
             let mut next = Vec::new();
             for &id in &frontier {
                 let c = self.coords(id);

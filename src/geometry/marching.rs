@@ -116,7 +116,7 @@ pub fn march(tets: &[[u32; 4]], inside: impl Fn(u32) -> bool) -> Isosurface {
 
 /// A set of t tetrahedra prepared for marching under many sign patterns.
 ///
-/// Building it finds the unique edges once, in time linear in t but for sorting each vertex's few edges;
+/// Building it finds the unique edges once, in time linear in t + v;
 /// [`march_into`](Self::march_into) is then two linear scans.
 #[derive(Clone, Debug, Default)]
 pub struct BandTopology {
@@ -202,44 +202,45 @@ fn tet_edge(tet: &[u32; 4], e: usize) -> [u32; 2] {
 /// Numbers the distinct pairs of `ends` in ascending order: the pairs, and the number of each entry's pair.
 fn index_edges(ends: &[[u32; 2]]) -> (Vec<[u32; 2]>, Vec<u32>) {
     assert!(u32::try_from(ends.len()).is_ok(), "marching: {} edge uses do not fit u32", ends.len());
-    let lower_count = ends.iter().map(|e| e[0] as usize + 1).max().unwrap_or(0);
+    let vert_count = ends.iter().map(|e| e[1] as usize + 1).max().unwrap_or(0);
+    let mut order: Vec<u32> = (0..ends.len() as u32).collect();
+    if vert_count > 8 * ends.len() + 1024 {
+        // Sparse indices: an array over all of them would cost more than comparing.
+        order.sort_unstable_by_key(|&i| ends[i as usize]);
+    } else {
+        // Sorting by the second end, then stably by the first, sorts by both.
+        for side in [1, 0] {
+            order = counting_sort(&order, vert_count, |i| ends[i as usize][side]);
+        }
+    }
     let mut ids = vec![0; ends.len()];
     let mut edges: Vec<[u32; 2]> = Vec::new();
-    let mut number = |lower: u32, higher: u32, entry: u32| {
-        if edges.last() != Some(&[lower, higher]) {
-            edges.push([lower, higher]);
+    for i in order {
+        let pair = ends[i as usize];
+        if edges.last() != Some(&pair) {
+            edges.push(pair);
         }
-        ids[entry as usize] = edges.len() as u32 - 1;
-    };
-    if lower_count > 8 * ends.len() + 1024 {
-        // Sparse indices: an array over all of them would cost more than sorting.
-        let mut sorted: Vec<_> = (0u32..).zip(ends).map(|(i, &[a, b])| (a, b, i)).collect();
-        sorted.sort_unstable();
-        sorted.into_iter().for_each(|(a, b, i)| number(a, b, i));
-        return (edges, ids);
-    }
-    let mut start = vec![0u32; lower_count + 1];
-    for e in ends {
-        start[e[0] as usize + 1] += 1;
-    }
-    for i in 0..lower_count {
-        start[i + 1] += start[i];
-    }
-    let mut next = start.clone();
-    let mut by_lower = vec![0u64; ends.len()];
-    for (i, e) in (0u64..).zip(ends) {
-        let at = &mut next[e[0] as usize];
-        by_lower[*at as usize] = u64::from(e[1]) << 32 | i;
-        *at += 1;
-    }
-    for lower in 0..lower_count {
-        let bucket = &mut by_lower[start[lower] as usize..start[lower + 1] as usize];
-        bucket.sort_unstable();
-        for &packed in &*bucket {
-            number(lower as u32, (packed >> 32) as u32, packed as u32);
-        }
+        ids[i as usize] = edges.len() as u32 - 1;
     }
     (edges, ids)
+}
+
+/// The entries of `order` sorted stably by a key below `key_count`, in linear time.
+fn counting_sort(order: &[u32], key_count: usize, key: impl Fn(u32) -> u32) -> Vec<u32> {
+    let mut next = vec![0u32; key_count + 1];
+    for &i in order {
+        next[key(i) as usize + 1] += 1;
+    }
+    for k in 0..key_count {
+        next[k + 1] += next[k];
+    }
+    let mut sorted = vec![0; order.len()];
+    for &i in order {
+        let at = &mut next[key(i) as usize];
+        sorted[*at as usize] = i;
+        *at += 1;
+    }
+    sorted
 }
 
 #[cfg(test)]
