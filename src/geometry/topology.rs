@@ -212,9 +212,9 @@ impl TriangleMesh {
         }
         let before = self.verts.len();
         let mut kept = 0;
-        for v in 0..before {
-            if moved[v] == 0 {
-                moved[v] = kept as u32;
+        for (v, to) in moved.iter_mut().enumerate() {
+            if *to == 0 {
+                *to = kept as u32;
                 self.verts[kept] = self.verts[v];
                 kept += 1;
             }
@@ -490,9 +490,8 @@ mod tests {
                 assert_eq!(t.components as i64, euler / 2 + genus);
                 [t.volume / volume - 1.0, t.area / area - 1.0]
             });
-            for i in 0..2 {
-                let [coarse, fine] = [errors[0][i].abs(), errors[1][i].abs()];
-                assert!(coarse < 0.08 && fine < 0.4 * coarse, "{coarse} {fine}");
+            for (coarse, fine) in errors[0].into_iter().zip(errors[1]) {
+                assert!(coarse.abs() < 0.08 && fine.abs() < 0.4 * coarse.abs(), "{coarse} {fine}");
             }
         }
     }
