@@ -2,7 +2,10 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
+pub mod autodiff;
 mod error;
 pub mod geometry;
+pub mod ops;
+pub mod tensor;
 
 pub use error::{Error, ErrorKind};
