@@ -3,6 +3,7 @@
 #![deny(unsafe_code)]
 
 mod error;
+pub mod evaluate;
 pub mod geometry;
 
 pub use error::{Error, ErrorKind};
