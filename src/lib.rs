@@ -4,6 +4,7 @@
 
 pub mod autodiff;
 mod error;
+pub mod evaluate;
 pub mod geometry;
 pub mod ops;
 pub mod tensor;
