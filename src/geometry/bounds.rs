@@ -24,10 +24,9 @@ impl Bounds {
                     .at_element(format!("point {i}"))
                     .advise("remove the point"));
             }
-            for a in 0..3 {
-                b.min[a] = b.min[a].min(f64::from(p[a]));
-                b.max[a] = b.max[a].max(f64::from(p[a]));
-            }
+            let p = p.map(f64::from);
+            b.min = std::array::from_fn(|a| b.min[a].min(p[a]));
+            b.max = std::array::from_fn(|a| b.max[a].max(p[a]));
         }
         if points.is_empty() {
             return Err(Error::new(ErrorKind::Data, "no points, so no bounding box")

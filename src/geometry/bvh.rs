@@ -156,10 +156,8 @@ fn build(triangles: &mut [(u32, [[f64; 3]; 3])], first: u32, nodes: &mut Vec<Nod
         count: triangles.len() as u32,
     };
     for p in triangles.iter().flat_map(|t| t.1) {
-        for a in 0..3 {
-            node.min[a] = node.min[a].min(p[a]);
-            node.max[a] = node.max[a].max(p[a]);
-        }
+        node.min = std::array::from_fn(|a| node.min[a].min(p[a]));
+        node.max = std::array::from_fn(|a| node.max[a].max(p[a]));
     }
     let here = nodes.len();
     nodes.push(node);

@@ -1,6 +1,5 @@
 //! Exact nearest neighbours through a kd-tree.
 
-use super::point_dist_sq;
 use kiddo::{ImmutableKdTree, QueryResultItem, SquaredEuclidean};
 use rayon::prelude::*;
 use std::num::NonZeroUsize;
@@ -18,12 +17,15 @@ const MAX_COORDINATE: f32 = 1e18;
 
 type Metric = SquaredEuclidean<f32>;
 
+const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
+
 /// A kd-tree over a fixed set of points.
 ///
 /// Answers are exact in this sense: the squared distance between two points is `dx*dx + dy*dy + dz*dz` in f32, summed
 /// in that order, and points are ranked by (squared distance, index), so among equally near points the one with the
 /// smallest index comes first. Duplicates, planes, lines and grids are fine. The answer does not depend on the thread
-/// count nor on how queries are grouped.
+/// count nor on how queries are grouped. A query costs more where very many points are equally near, such as thousands of
+/// copies of one point.
 pub struct KdTree {
     tree: ImmutableKdTree<f32, 3>,
     len: usize,
@@ -66,14 +68,13 @@ impl KdTree {
     #[track_caller]
     pub fn nearest(&self, q: [f32; 3]) -> (u32, f32) {
         check_query(&q);
-        let first = self.tree.query(&q).nearest_one::<Metric>().execute();
-        let mut best = (first.distance, first.item);
-        self.tree.query(&q).within::<Metric>(widen(first.distance)).unsorted().visit(|r| {
-            if (r.distance, r.item) < best {
-                best = (r.distance, r.item);
-            }
-        });
-        (best.1, best.0)
+        // The two nearest in one traversal; only if they are too close to call are all candidates collected and ranked.
+        let two = self.tree.query(&q).nearest_n::<Metric>(TWO).execute();
+        if two.len() == 2 && two[1].distance <= widen(two[0].distance) {
+            let first = self.collect(&q, two[0].distance)[0];
+            return (first.item, first.distance);
+        }
+        (two[0].item, two[0].distance)
     }
 
     /// For each of `queries` (m x 3), the index of the nearest point (m) and the squared distance to it (m).
@@ -81,7 +82,18 @@ impl KdTree {
     /// # Panics
     /// If a query is not finite or beyond 1e18.
     pub fn nearest_all(&self, queries: &[[f32; 3]]) -> (Vec<u32>, Vec<f32>) {
-        nearest_in_chunks(queries, |q| self.nearest(q))
+        let mut index = vec![0; queries.len()];
+        let mut dist_sq = vec![0.0; queries.len()];
+        index
+            .par_chunks_mut(CHUNK)
+            .zip(dist_sq.par_chunks_mut(CHUNK))
+            .zip(queries.par_chunks(CHUNK))
+            .for_each(|((index, dist_sq), queries)| {
+                for ((i, d), &q) in index.iter_mut().zip(dist_sq).zip(queries) {
+                    (*i, *d) = self.nearest(q);
+                }
+            });
+        (index, dist_sq)
     }
 
     /// For each of `queries` (m x 3), the indices of its `k` nearest points, nearest first (m x k, row-major).
@@ -150,39 +162,23 @@ fn widen(dist_sq: f32) -> f32 {
     (dist_sq * SLACK + f32::MIN_POSITIVE).min(f32::MAX)
 }
 
-pub(super) fn usable(p: &[f32; 3]) -> bool {
+fn usable(p: &[f32; 3]) -> bool {
     p.iter().all(|x| x.abs() <= MAX_COORDINATE)
 }
 
 #[track_caller]
-pub(super) fn check_query(q: &[f32; 3]) {
+fn check_query(q: &[f32; 3]) {
     assert!(usable(q), "nearest neighbour: query {q:?}; coordinates must be finite and below 1e18");
 }
 
-/// Runs `nearest` over `queries` in fixed chunks.
-pub(super) fn nearest_in_chunks(
-    queries: &[[f32; 3]],
-    nearest: impl Fn([f32; 3]) -> (u32, f32) + Sync,
-) -> (Vec<u32>, Vec<f32>) {
-    let mut index = vec![0; queries.len()];
-    let mut dist_sq = vec![0.0; queries.len()];
-    index.par_chunks_mut(CHUNK).zip(dist_sq.par_chunks_mut(CHUNK)).zip(queries.par_chunks(CHUNK)).for_each(
-        |((index, dist_sq), queries)| {
-            for ((i, d), &q) in index.iter_mut().zip(dist_sq).zip(queries) {
-                (*i, *d) = nearest(q);
-            }
-        },
-    );
-    (index, dist_sq)
-}
-
 #[cfg(test)]
-pub(super) mod tests {
+mod tests {
     use super::*;
+    use crate::geometry::point_dist_sq;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
-    pub(crate) fn brute_ranked(points: &[[f32; 3]], q: [f32; 3]) -> Vec<(f32, u32)> {
+    fn brute_ranked(points: &[[f32; 3]], q: [f32; 3]) -> Vec<(f32, u32)> {
         let mut all: Vec<_> =
             points.iter().enumerate().map(|(i, p)| (point_dist_sq(p, &q), i as u32)).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -190,7 +186,7 @@ pub(super) mod tests {
     }
 
     /// Small and awkward clouds: random, duplicated, planar, collinear, on a grid, far from the origin, tiny.
-    pub(crate) fn clouds() -> Vec<Vec<[f32; 3]>> {
+    fn clouds() -> Vec<Vec<[f32; 3]>> {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut all = Vec::new();
         let mut random = |n: usize, scale: f32, offset: f32| -> Vec<[f32; 3]> {
@@ -219,7 +215,7 @@ pub(super) mod tests {
         all
     }
 
-    pub(crate) fn queries_for(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    fn queries_for(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let mut rng = ChaCha8Rng::seed_from_u64(points.len() as u64);
         let mut q: Vec<[f32; 3]> = points.iter().step_by(points.len() / 20 + 1).copied().collect();
         for i in 0..60 {

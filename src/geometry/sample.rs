@@ -216,9 +216,9 @@ mod tests {
             let w = s.barycentric[i];
             assert!(w.iter().all(|&w| w >= 0.0) && (w.iter().sum::<f32>() - 1.0).abs() < 1e-6);
             let corners = mesh.faces[s.faces[i] as usize].map(|v| mesh.verts[v as usize]);
-            for a in 0..3 {
+            for (a, got) in s.points[i].iter().enumerate() {
                 let x: f32 = (0..3).map(|k| w[k] * corners[k][a]).sum();
-                assert!((x - s.points[i][a]).abs() < 1e-5);
+                assert!((x - got).abs() < 1e-5);
             }
         }
     }
