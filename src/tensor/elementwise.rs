@@ -1,0 +1,50 @@
+//! Elementwise passes.
+
+use super::simd::kernel;
+use super::{PARALLEL_MIN, ROW_BLOCK, Tensor};
+use rayon::prelude::*;
+
+/// Elements a thread works on at a time.
+const BLOCK: usize = 1 << 15;
+
+kernel! {
+    pub(super) fn add_assign(out: &mut [f32], x: &[f32]) {
+        for (o, &x) in out.iter_mut().zip(x) { *o += x; }
+    }
+}
+
+/// Calls `f(out, x)` on equal pieces of a new tensor and of `x`, side by side on several threads if it is large.
+pub(crate) fn map(x: &Tensor, f: impl Fn(&mut [f32], &[f32]) + Sync) -> Tensor {
+    let mut out = x.dirty(x.dims());
+    if x.len() < PARALLEL_MIN {
+        f(out.data_mut(), x.data());
+    } else {
+        out.data_mut().par_chunks_mut(BLOCK).zip(x.data().par_chunks(BLOCK)).for_each(|(o, x)| f(o, x));
+    }
+    out
+}
+
+/// Calls `f(out, a, b)` on equal pieces of a new tensor and of two tensors of one shape.
+#[track_caller]
+pub(crate) fn map2(a: &Tensor, b: &Tensor, f: impl Fn(&mut [f32], &[f32], &[f32]) + Sync) -> Tensor {
+    assert!(a.len() == b.len(), "elementwise: {:?} and {:?}", a.shape(), b.shape());
+    let mut out = a.dirty(a.dims());
+    if a.len() < PARALLEL_MIN {
+        f(out.data_mut(), a.data(), b.data());
+    } else {
+        out.data_mut()
+            .par_chunks_mut(BLOCK)
+            .zip(a.data().par_chunks(BLOCK).zip(b.data().par_chunks(BLOCK)))
+            .for_each(|(o, (a, b))| f(o, a, b));
+    }
+    out
+}
+
+/// Fills `out` (rows of `cols` values) by calling `f(first_row, piece)` on pieces of whole rows.
+pub(crate) fn map_rows(out: &mut [f32], cols: usize, f: impl Fn(usize, &mut [f32]) + Sync) {
+    if out.len() < PARALLEL_MIN || cols == 0 {
+        f(0, out);
+    } else {
+        out.par_chunks_mut(ROW_BLOCK * cols).enumerate().for_each(|(i, piece)| f(i * ROW_BLOCK, piece));
+    }
+}

@@ -1,0 +1,308 @@
+//! Dense row-major f32 arrays without gradients: storage, elementwise passes, reductions, products, row moves.
+//!
+//! A [`Tensor`] has up to four dimensions; most of the crate uses two, n rows by c columns. Every result takes its
+//! memory from the [`Pool`] of its first operand, if that has one, and gives it back when it is dropped, so that a
+//! training step that repeats the same shapes allocates nothing after the first.
+
+mod buffer;
+mod elementwise;
+mod math;
+mod matmul;
+mod reduce;
+mod rows;
+mod simd;
+
+pub use buffer::Pool;
+pub(crate) use elementwise::{map, map_rows, map2};
+pub(crate) use math::{exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_slice, tanh_slice};
+pub(crate) use matmul::{MatRef, gemm};
+pub use matmul::{matmul, matmul_nt, matmul_tn, matmul_tt};
+pub(crate) use reduce::{add_row_sums, dot, sum_f64};
+pub(crate) use rows::{gather_rows, scatter_add_rows};
+pub(crate) use simd::{Level, kernel, level};
+
+use buffer::Buffer;
+use std::fmt;
+
+/// The most dimensions a tensor can have.
+pub const MAX_RANK: usize = 4;
+
+/// Rows a thread works on at a time in row-parallel passes; fixed, so results never depend on the thread count.
+pub(crate) const ROW_BLOCK: usize = 512;
+
+/// Elements below which a pass stays on the calling thread.
+pub(crate) const PARALLEL_MIN: usize = 1 << 17;
+
+/// The dimensions of a tensor, outermost first.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Shape {
+    dims: [usize; MAX_RANK],
+    rank: usize,
+}
+
+impl Shape {
+    /// A shape of these dimensions.
+    ///
+    /// # Panics
+    /// If there are none or more than [`MAX_RANK`].
+    #[track_caller]
+    pub fn new(dims: &[usize]) -> Self {
+        assert!(
+            !dims.is_empty() && dims.len() <= MAX_RANK,
+            "tensor: {} dimensions, 1 to {MAX_RANK} expected",
+            dims.len()
+        );
+        let mut shape = Shape { dims: [1; MAX_RANK], rank: dims.len() };
+        shape.dims[..dims.len()].copy_from_slice(dims);
+        shape
+    }
+
+    /// The dimensions, outermost first.
+    pub fn dims(&self) -> &[usize] {
+        &self.dims[..self.rank]
+    }
+
+    /// The number of elements.
+    pub fn len(&self) -> usize {
+        self.dims().iter().product()
+    }
+
+    /// Whether there are no elements.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The innermost dimension.
+    pub fn cols(&self) -> usize {
+        self.dims[self.rank - 1]
+    }
+
+    /// The product of all other dimensions.
+    pub fn rows(&self) -> usize {
+        self.dims[..self.rank - 1].iter().product()
+    }
+}
+
+impl fmt::Debug for Shape {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let dims: Vec<String> = self.dims().iter().map(ToString::to_string).collect();
+        write!(f, "[{}]", dims.join("x"))
+    }
+}
+
+/// A dense row-major array of f32.
+#[derive(Clone)]
+pub struct Tensor {
+    buffer: Buffer,
+    shape: Shape,
+}
+
+impl Tensor {
+    /// Zeros of a shape.
+    ///
+    /// # Panics
+    /// If the shape has no dimension or more than [`MAX_RANK`].
+    #[track_caller]
+    pub fn zeros(dims: &[usize]) -> Self {
+        Self::full(dims, 0.0)
+    }
+
+    /// One value everywhere.
+    ///
+    /// # Panics
+    /// As [`zeros`](Self::zeros).
+    #[track_caller]
+    pub fn full(dims: &[usize], value: f32) -> Self {
+        let shape = Shape::new(dims);
+        Tensor { buffer: Buffer::owned(vec![value; shape.len()]), shape }
+    }
+
+    /// A 1x1 tensor.
+    pub fn scalar(value: f32) -> Self {
+        Self::full(&[1, 1], value)
+    }
+
+    /// Takes over row-major values.
+    ///
+    /// # Panics
+    /// If the number of values is not the product of the dimensions.
+    #[track_caller]
+    pub fn from_vec(dims: &[usize], values: Vec<f32>) -> Self {
+        let shape = Shape::new(dims);
+        assert!(shape.len() == values.len(), "tensor: {} values for shape {shape:?}", values.len());
+        Tensor { buffer: Buffer::owned(values), shape }
+    }
+
+    /// Copies points into n x 3.
+    pub fn from_points(points: &[[f32; 3]]) -> Self {
+        Self::from_vec(&[points.len(), 3], points.as_flattened().to_vec())
+    }
+
+    /// Copies n x 3 out as points.
+    ///
+    /// # Panics
+    /// If the innermost dimension is not 3.
+    #[track_caller]
+    pub fn to_points(&self) -> Vec<[f32; 3]> {
+        assert!(self.cols() == 3, "to_points: shape {:?}, 3 columns expected", self.shape);
+        self.data().as_chunks::<3>().0.to_vec()
+    }
+
+    /// The dimensions, outermost first.
+    pub fn dims(&self) -> &[usize] {
+        self.shape.dims()
+    }
+
+    /// The shape.
+    pub fn shape(&self) -> Shape {
+        self.shape
+    }
+
+    /// The innermost dimension.
+    pub fn cols(&self) -> usize {
+        self.shape.cols()
+    }
+
+    /// The product of all other dimensions.
+    pub fn rows(&self) -> usize {
+        self.shape.rows()
+    }
+
+    /// The number of elements.
+    pub fn len(&self) -> usize {
+        self.shape.len()
+    }
+
+    /// Whether there are no elements.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The values, row-major.
+    pub fn data(&self) -> &[f32] {
+        self.buffer.as_slice()
+    }
+
+    /// The values, row-major, to be changed.
+    pub fn data_mut(&mut self) -> &mut [f32] {
+        self.buffer.as_mut_slice()
+    }
+
+    /// One row.
+    pub fn row(&self, i: usize) -> &[f32] {
+        let c = self.cols();
+        &self.data()[i * c..(i + 1) * c]
+    }
+
+    /// The only value of a one-element tensor.
+    ///
+    /// # Panics
+    /// If there is not exactly one element.
+    #[track_caller]
+    pub fn item(&self) -> f32 {
+        assert!(self.len() == 1, "item: shape {:?}, one element expected", self.shape);
+        self.data()[0]
+    }
+
+    /// The same values under another shape.
+    ///
+    /// # Panics
+    /// If the number of elements differs.
+    #[track_caller]
+    pub fn reshaped(mut self, dims: &[usize]) -> Self {
+        let shape = Shape::new(dims);
+        assert!(shape.len() == self.len(), "reshape: {:?} to {shape:?}", self.shape);
+        self.shape = shape;
+        self
+    }
+
+    /// Whether every value is finite.
+    pub fn is_finite(&self) -> bool {
+        // A sum of zero products is zero exactly if no value is NaN or infinite; it vectorises where `all` does not.
+        self.data().chunks(1024).all(|c| c.iter().map(|x| x * 0.0).fold(0.0, |a, b| a + b) == 0.0)
+    }
+
+    /// A copy whose memory comes from `pool` and returns to it; its results do so too.
+    pub fn into_pool(self, pool: &Pool) -> Self {
+        let mut moved = Tensor { buffer: pool.take(self.len()), shape: self.shape };
+        moved.data_mut().copy_from_slice(self.data());
+        moved
+    }
+
+    /// A tensor from this one's pool whose values are whatever the memory held: to be overwritten whole.
+    pub(crate) fn dirty(&self, dims: &[usize]) -> Tensor {
+        let shape = Shape::new(dims);
+        Tensor { buffer: self.buffer.sibling(shape.len()), shape }
+    }
+
+    /// Zeros from this tensor's pool.
+    pub(crate) fn zeros_like_pool(&self, dims: &[usize]) -> Tensor {
+        let mut t = self.dirty(dims);
+        t.data_mut().fill(0.0);
+        t
+    }
+
+    /// Adds `other` to this tensor in place.
+    #[track_caller]
+    pub(crate) fn add_assign(&mut self, other: &Tensor) {
+        assert!(self.shape == other.shape, "add_assign: {:?} and {:?}", self.shape, other.shape);
+        elementwise::add_assign(self.data_mut(), other.data());
+    }
+}
+
+impl fmt::Debug for Tensor {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Tensor{:?}", self.shape)?;
+        let shown = &self.data()[..self.len().min(12)];
+        write!(f, " {shown:?}{}", if shown.len() < self.len() { " ..." } else { "" })
+    }
+}
+
+impl PartialEq for Tensor {
+    fn eq(&self, other: &Self) -> bool {
+        self.shape == other.shape && self.data() == other.data()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn shape_counts() {
+        let t = Tensor::zeros(&[2, 3, 4]);
+        assert_eq!((t.rows(), t.cols(), t.len()), (6, 4, 24));
+        assert_eq!(format!("{:?}", t.shape()), "[2x3x4]");
+        assert_eq!(t.reshaped(&[24, 1]).rows(), 24);
+    }
+
+    #[test]
+    #[should_panic(expected = "reshape: [2x3] to [4x2]")]
+    fn reshape_names_both_shapes() {
+        let _ = Tensor::zeros(&[2, 3]).reshaped(&[4, 2]);
+    }
+
+    #[test]
+    fn finite_sees_every_value() {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for at in [0, 1023, 1024, 2999] {
+                let mut t = Tensor::full(&[3000, 1], f32::MAX);
+                assert!(t.is_finite());
+                t.data_mut()[at] = bad;
+                assert!(!t.is_finite());
+            }
+        }
+    }
+
+    #[test]
+    fn pooled_results_are_recycled() {
+        let pool = Pool::default();
+        let x = Tensor::full(&[10, 10], 1.0).into_pool(&pool);
+        let first = pool.allocations();
+        for _ in 0..5 {
+            let y = x.dirty(&[10, 10]);
+            drop(y);
+        }
+        assert_eq!(pool.allocations(), first + 1);
+    }
+}
