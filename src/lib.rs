@@ -5,7 +5,9 @@
 pub mod autodiff;
 mod error;
 pub mod geometry;
+pub mod nn;
 pub mod ops;
+pub mod optim;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};
