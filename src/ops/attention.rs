@@ -166,10 +166,7 @@ fn each_block(out: &mut Tensor, work: usize, f: impl Fn(usize, &mut [f32]) + Syn
     if work < PARALLEL_MIN || cols == 0 {
         f(0, out.data_mut());
     } else {
-        out.data_mut()
-            .par_chunks_mut(BLOCK * cols)
-            .enumerate()
-            .for_each(|(i, piece)| f(i * BLOCK, piece));
+        out.data_mut().par_chunks_mut(BLOCK * cols).enumerate().for_each(|(i, piece)| f(i * BLOCK, piece));
     }
 }
 
@@ -222,8 +219,8 @@ kernel! {
         for ((out, a), index) in out.chunks_exact_mut(k * heads).zip(a.chunks_exact(c)).zip(index.chunks_exact(k)) {
             for (out, &j) in out.chunks_exact_mut(heads).zip(index) {
                 let b = &b[j as usize * c..][..c];
-                for ((o, a), b) in out.iter_mut().zip(a.chunks_exact(width)).zip(b.chunks_exact(width)) {
-                    *o = lane_dot(a, b);
+                for (h, o) in out.iter_mut().enumerate() {
+                    *o = lane_dot(&a[h * width..][..width], &b[h * width..][..width]);
                 }
             }
         }
@@ -238,8 +235,8 @@ kernel! {
         for ((out, w), index) in out.chunks_exact_mut(c).zip(w.chunks_exact(k * heads)).zip(index.chunks_exact(k)) {
             for (w, &j) in w.chunks_exact(heads).zip(index) {
                 let b = &b[j as usize * c..][..c];
-                for ((o, &w), b) in out.chunks_exact_mut(width).zip(w).zip(b.chunks_exact(width)) {
-                    lane_axpy(o, w, b);
+                for (h, &w) in w.iter().enumerate() {
+                    lane_axpy(&mut out[h * width..][..width], w, &b[h * width..][..width]);
                 }
             }
         }
@@ -255,8 +252,8 @@ kernel! {
         for &p in pairs {
             let w = &w[p as usize * heads..][..heads];
             let a = &a[p as usize / k * c..][..c];
-            for ((o, &w), a) in out.chunks_exact_mut(width).zip(w).zip(a.chunks_exact(width)) {
-                lane_axpy(o, w, a);
+            for (h, &w) in w.iter().enumerate() {
+                lane_axpy(&mut out[h * width..][..width], w, &a[h * width..][..width]);
             }
         }
     }
@@ -393,7 +390,7 @@ impl Op<2> for LocalWeights {
 /// As [`Average`], each query over its own k memory rows.
 struct LocalAverage {
     index: Arc<[u32]>,
-    n: usize,
+    k: usize,
 }
 
 impl Op<2> for LocalAverage {
@@ -407,8 +404,9 @@ impl Op<2> for LocalAverage {
             w.shape(),
             self.index.len()
         );
-        let pairs = Pairs::new(name, self.n, v.rows(), self.index.clone());
-        (pair_average(w, v, &pairs, self.n), pairs)
+        let n = self.index.len() / self.k.max(1);
+        let pairs = Pairs::new(name, n, v.rows(), self.index.clone());
+        (pair_average(w, v, &pairs, n), pairs)
     }
     fn vjp(&self, at: At<'_, 2, Pairs>, dy: &Tensor) -> [Option<Tensor>; 2] {
         let ([w, v], pairs) = (at.x, at.saved);
@@ -487,20 +485,21 @@ impl Tape {
         self.apply(LocalWeights { index: index.into(), heads }, [q, keys])
     }
 
-    /// As [`attention_average`](Self::attention_average), over the k rows `index[i k .. (i + 1) k]` of `v` for each of
-    /// n queries: weights (n k) x heads and v m x d to n x d.
+    /// As [`attention_average`](Self::attention_average), over the k rows `index[i k .. (i + 1) k]` of `v` for query
+    /// i: weights (n k) x heads and v m x d to n x d.
     ///
     /// # Panics
-    /// If the shapes do not fit, d is not a multiple of the number of heads, or an index is m or more.
+    /// If the shapes do not fit, d is not a multiple of the number of heads, the number of indices is not one of k,
+    /// or an index is m or more.
     #[track_caller]
     pub fn local_attention_average(
         &mut self,
         weights: Var,
         v: Var,
         index: impl Into<Arc<[u32]>>,
-        n: usize,
+        k: usize,
     ) -> Var {
-        self.apply(LocalAverage { index: index.into(), n }, [weights, v])
+        self.apply(LocalAverage { index: index.into(), k }, [weights, v])
     }
 
     /// Multi-head attention of every query to k memory rows of its own, `index[i k .. (i + 1) k]`: q n x c, keys
@@ -521,9 +520,9 @@ impl Tape {
         heads: usize,
     ) -> Var {
         let index = index.into();
-        let n = self.value(q).rows();
+        let k = index.len() / self.value(q).rows().max(1);
         let weights = self.local_attention_weights(q, keys, index.clone(), heads);
-        self.local_attention_average(weights, v, index, n)
+        self.local_attention_average(weights, v, index, k)
     }
 }
 
@@ -657,10 +656,8 @@ mod tests {
             pool.install(|| {
                 let mut t = Tape::new();
                 let [q, k, v] = inputs(600, 70, 64, 64, 5).map(|x| t.input(x));
-                let (a, b) = (
-                    t.attention(q, k, v, 4),
-                    t.local_attention(q, k, v, some_index(600, 16, 70, 6), 4),
-                );
+                let (a, b) =
+                    (t.attention(q, k, v, 4), t.local_attention(q, k, v, some_index(600, 16, 70, 6), 4));
                 let g = t.pull([(a, normal(&[600, 64], 1)), (b, normal(&[600, 64], 2))]);
                 [q, k, v].map(|x| g.get(x).unwrap().clone())
             })
@@ -723,32 +720,5 @@ mod tests {
         let mut t = Tape::new();
         let [q, k, v] = inputs(1, 3, 4, 4, 0).map(|x| t.input(x));
         t.local_attention(q, k, v, vec![3], 2);
-    }
-
-    #[test]
-    #[ignore = "prints timings"]
-    fn timings() {
-        let pool = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
-        pool.install(|| {
-            let x = inputs(3000, 300, 128, 128, 5);
-            let index = some_index(3000, 16, 300, 6);
-            let mut t = Tape::new();
-            for _ in 0..6 {
-                for local in [true, false] {
-                    t.clear();
-                    let [q, k, v] = x.clone().map(|x| t.input(x));
-                    let seed = normal(&[3000, 128], 1).into_pool(t.pool());
-                    let start = std::time::Instant::now();
-                    let y = if local {
-                        t.local_attention(q, k, v, index.clone(), 4)
-                    } else {
-                        t.attention(q, k, v, 4)
-                    };
-                    let forward = start.elapsed();
-                    drop(t.pull([(y, seed)]));
-                    println!("local {local}: forward {forward:?}, with gradient {:?}", start.elapsed());
-                }
-            }
-        });
     }
 }

@@ -5,8 +5,14 @@ use super::simd::kernel;
 /// The lanes of one value, folded as a tree.
 #[inline(always)]
 fn fold(lanes: [f32; 16], f: impl Fn(f32, f32) -> f32) -> f32 {
-    let l8: [f32; 8] = std::array::from_fn(|i| f(lanes[i], lanes[i + 8]));
-    let l4: [f32; 4] = std::array::from_fn(|i| f(l8[i], l8[i + 4]));
+    // Loops over whole halves turn into vector operations; `from_fn` did not.
+    let (mut l8, mut l4) = ([0.0; 8], [0.0; 4]);
+    for i in 0..8 {
+        l8[i] = f(lanes[i], lanes[i + 8]);
+    }
+    for i in 0..4 {
+        l4[i] = f(l8[i], l8[i + 4]);
+    }
     f(f(l4[0], l4[2]), f(l4[1], l4[3]))
 }
 
