@@ -10,6 +10,7 @@ pub mod geometry;
 pub mod loss;
 pub mod nn;
 pub mod ops;
+pub mod optim;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};

@@ -2,7 +2,9 @@
 
 mod activation;
 mod arithmetic;
+mod attention;
 mod elementary;
+mod encoding;
 mod matmul;
 mod norm;
 mod reduce;

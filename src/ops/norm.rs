@@ -1,7 +1,7 @@
 //! Layer normalisation and normalisation of rows to unit length.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, kernel};
+use crate::tensor::{Tensor, kernel, lane_dot, lane_sum};
 
 /// y = (x - mean) / sqrt(var + eps) * gain + bias, over each row (Ba, Kiros, Hinton 2016).
 struct LayerNorm {
@@ -12,11 +12,9 @@ kernel! {
     /// Normalised rows, and per row 1 / sqrt(var + eps).
     fn standardise(hat: &mut [f32], inverse: &mut [f32], x: &[f32], c: usize, eps: f32) {
         for ((hat, inverse), x) in hat.chunks_exact_mut(c).zip(inverse.iter_mut()).zip(x.chunks_exact(c)) {
-            let mut mean = 0.0;
-            for &x in x { mean += x; }
-            mean /= c as f32;
-            let mut var = 0.0;
-            for (h, &x) in hat.iter_mut().zip(x) { *h = x - mean; var += *h * *h; }
+            let mean = lane_sum(x) / c as f32;
+            for (h, &x) in hat.iter_mut().zip(x) { *h = x - mean; }
+            let var = lane_dot(hat, hat);
             *inverse = 1.0 / (var / c as f32 + eps).sqrt();
             for h in hat.iter_mut() { *h *= *inverse; }
         }
@@ -38,14 +36,9 @@ kernel! {
         for (((dx, dy), hat), &inverse) in
             dx.chunks_exact_mut(c).zip(dy.chunks_exact(c)).zip(hat.chunks_exact(c)).zip(inverse)
         {
-            let (mut mean, mut along) = (0.0, 0.0);
-            for (((o, &d), &h), &g) in dx.iter_mut().zip(dy).zip(hat).zip(gain) {
-                *o = d * g;
-                mean += *o;
-                along += *o * h;
-            }
-            mean /= c as f32;
-            along /= c as f32;
+            for ((o, &d), &g) in dx.iter_mut().zip(dy).zip(gain) { *o = d * g; }
+            let mean = lane_sum(dx) / c as f32;
+            let along = lane_dot(dx, hat) / c as f32;
             for (o, &h) in dx.iter_mut().zip(hat) { *o = inverse * (*o - mean - h * along); }
         }
     }

@@ -1,20 +1,14 @@
 //! Softmax over the columns of a row, over all rows, and over groups of k rows.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, kernel, map_rows};
+use crate::tensor::{Tensor, kernel, lane_dot, lane_max, lane_sum, map_rows};
 
 kernel! {
     /// Softmax of one contiguous row.
     fn softmax_row(out: &mut [f32], x: &[f32]) {
-        let mut max = f32::NEG_INFINITY;
-        for &x in x { max = if x > max { x } else { max }; }
-        for (o, &x) in out.iter_mut().zip(x) { *o = x - max; }
-        let mut sum = 0.0;
-        for o in out.iter_mut() {
-            *o = crate::tensor::exp(*o);
-            sum += *o;
-        }
-        let scale = 1.0 / sum;
+        let max = lane_max(x);
+        for (o, &x) in out.iter_mut().zip(x) { *o = crate::tensor::exp(x - max); }
+        let scale = 1.0 / lane_sum(out);
         for o in out.iter_mut() { *o *= scale; }
     }
 }
@@ -22,8 +16,7 @@ kernel! {
 kernel! {
     /// dx = y (dy - <dy, y>) of one contiguous row.
     fn softmax_row_gradient(out: &mut [f32], y: &[f32], dy: &[f32]) {
-        let mut inner = 0.0;
-        for (y, d) in y.iter().zip(dy) { inner += y * d; }
+        let inner = lane_dot(y, dy);
         for ((o, &y), &d) in out.iter_mut().zip(y).zip(dy) { *o = y * (d - inner); }
     }
 }
