@@ -3,6 +3,7 @@
 #![deny(unsafe_code)]
 
 pub mod autodiff;
+pub mod bsp;
 mod error;
 pub mod evaluate;
 pub mod gdo;
@@ -11,6 +12,7 @@ pub mod loss;
 pub mod nn;
 pub mod ops;
 pub mod optim;
+pub mod reconstruct;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};

@@ -351,6 +351,12 @@ impl FieldPass {
         total
     }
 
+    /// Lets go of the parameters and activations of the last pass, so that changing the parameters copies nothing.
+    pub fn release(&mut self) {
+        self.chunks.iter_mut().for_each(|c| c.tape.clear());
+        self.used = 0;
+    }
+
     /// Buffers newly allocated so far by all chunks; constant once a repeated step has warmed up.
     pub fn allocations(&self) -> usize {
         self.chunks.iter().map(|c| c.tape.pool().allocations()).sum()
@@ -409,9 +415,9 @@ mod tests {
         fn gradients_reach_every_parameter(skip: bool, octaves in 0usize..3, seed: u64) {
             let field = small(SOFT, skip.then_some(2), octaves, seed);
             let x = points(6, seed);
-            let inputs: Vec<Tensor> = field.params.values().map(|t| (**t).clone()).collect();
+            let inputs: Vec<Tensor> = field.params.values().iter().map(|t| (**t).clone()).collect();
             check(|t, vars| {
-                let p = Bound::from_vars(vars.to_vec());
+                let p = Bound::new(vars.to_vec());
                 let (s, g) = field.sdf_and_gradient(t, &p, &x);
                 t.concat_cols([s, g])
             }, &inputs, seed);

@@ -4,7 +4,9 @@ mod crossing;
 mod deform;
 mod field;
 mod gauss;
+mod start;
 
 pub use deform::{Deformation, deform};
 pub use field::{Activation, Field, FieldConfig, FieldPass};
 pub use gauss::GaussField;
+pub use start::fit_to_mesh;

@@ -1,0 +1,45 @@
+//! Phi: from points to features and to codes on the unit sphere.
+
+use crate::autodiff::{Tape, Var};
+use crate::nn::{Activation, Bound, LayerNorm, Mlp, PointTransformer, Scope};
+use rand::rngs::ChaCha8Rng;
+use std::sync::Arc;
+
+/// f = relu(norm(point transformer(Q))) over the k nearest neighbours (equation 1 of the paper), and the code
+/// u = head(f) / |head(f)|.
+///
+/// Shapes: Q n x 3 to features n x c and codes n x 3. Parameters: `attention` (the point transformer), `norm`, `head`
+/// (c to c / 2 to 3). Gradient: smooth but for ReLUs. The equation is the layer alone; norm and head are ours, as the
+/// paper only says that features are projected to the sphere.
+#[derive(Clone, Debug)]
+pub struct Canonical {
+    attention: PointTransformer,
+    norm: LayerNorm,
+    head: Mlp,
+    neighbours: Arc<[u32]>,
+}
+
+impl Canonical {
+    /// A map with c channels for a cloud whose point i has the neighbours `neighbours[i k .. (i + 1) k]`.
+    pub fn new(scope: &mut Scope<'_>, c: usize, neighbours: Arc<[u32]>, rng: &mut ChaCha8Rng) -> Self {
+        Canonical {
+            attention: PointTransformer::new(&mut scope.scope("attention"), 3, c, rng),
+            norm: LayerNorm::new(&mut scope.scope("norm"), c),
+            head: Mlp::new(&mut scope.scope("head"), &[c, (c / 2).max(1), 3], Activation::Relu, rng),
+            neighbours,
+        }
+    }
+
+    /// Features (n x c) and codes (n x 3) of the points (n x 3).
+    ///
+    /// # Panics
+    /// If the neighbours are not those of n points.
+    #[track_caller]
+    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var) -> (Var, Var) {
+        let features = self.attention.forward(tape, p, points, points, self.neighbours.clone());
+        let features = self.norm.forward(tape, p, features);
+        let features = tape.relu(features);
+        let head = self.head.forward(tape, p, features);
+        (features, tape.normalize_rows(head))
+    }
+}

@@ -1,0 +1,146 @@
+//! Psi: from patches of codes back to points in space.
+
+use super::BspConfig;
+use crate::autodiff::{Tape, Var};
+use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
+use rand::rngs::ChaCha8Rng;
+use std::sync::Arc;
+
+/// s = Psi(phi(features), p): a decoder block whose queries are embedded codes and whose memory is the features of
+/// all points (equation 2 of the paper), then a perceptron to space.
+///
+/// With `average_positions`, s is the average of the attended points' positions under the attention's own weights, plus the
+/// perceptron's output times the mean spacing of the cloud: the surface starts among the points instead of anywhere.
+///
+/// Shapes: features n x c, points n x 3, patches (n M) x 3 to (n M) x 3. Parameters: `query` and `memory` (c to c to c),
+/// `block` (the decoder block), `out` (c to c to c to 3). The frequencies of the code embedding are fixed.
+#[derive(Clone, Debug)]
+pub struct Inverse {
+    embedding: GaussianFourier,
+    query: Mlp,
+    memory: Mlp,
+    block: DecoderBlock,
+    out: Mlp,
+    patch: usize,
+    /// The points that each centre's patch attends to, n k; `None` for all.
+    reach: Option<Arc<[u32]>>,
+    average_positions: bool,
+    spacing: f32,
+}
+
+impl Inverse {
+    /// A map for the cloud `points`; `reach` lists the points that the patch of each point attends to (n k, point by
+    /// point), or `None` for all.
+    ///
+    /// # Panics
+    /// If the channels are odd or not a multiple of the heads.
+    #[track_caller]
+    pub fn new(
+        scope: &mut Scope<'_>,
+        config: &BspConfig,
+        points: &[[f32; 3]],
+        reach: Option<Arc<[u32]>>,
+        rng: &mut ChaCha8Rng,
+    ) -> Self {
+        let c = config.channels;
+        let sizes =
+            DecoderSizes { channels: c, memory: c, heads: config.heads, hidden: c, self_attention: false };
+        Inverse {
+            embedding: GaussianFourier::new(3, c, 1.0, rng),
+            query: Mlp::new(&mut scope.scope("query"), &[c, c, c], Activation::Relu, rng),
+            memory: Mlp::new(&mut scope.scope("memory"), &[c, c, c], Activation::Relu, rng),
+            block: DecoderBlock::new(&mut scope.scope("block"), sizes, rng),
+            out: Mlp::new(&mut scope.scope("out"), &[c, c, c, 3], Activation::Relu, rng),
+            patch: config.patch,
+            reach: None,
+            average_positions: config.average_positions,
+            spacing: mean_spacing(points),
+        }
+        .with_reach(reach)
+    }
+
+    fn with_reach(mut self, reach: Option<Arc<[u32]>>) -> Self {
+        self.set_reach(reach);
+        self
+    }
+
+    /// Changes which points the patches attend to.
+    pub(super) fn set_reach(&mut self, reach: Option<Arc<[u32]>>) {
+        self.reach = reach;
+    }
+
+    /// The surface S, (n M) x 3.
+    ///
+    /// # Panics
+    /// If the shapes do not fit.
+    #[track_caller]
+    pub fn forward(&self, tape: &mut Tape, p: &Bound, features: Var, points: Var, patches: Var) -> Var {
+        let reach = match &self.reach {
+            None => Reach::All,
+            Some(nearest) => {
+                let n = tape.value(points).rows();
+                let k = nearest.len() / n;
+                // Every code of a patch attends to what its centre does.
+                let rows = nearest.chunks_exact(k).flat_map(|row| std::iter::repeat_n(row, self.patch));
+                Reach::Nearest { index: rows.flatten().copied().collect(), k }
+            }
+        };
+        let embedded = self.embedding.forward(tape, patches);
+        let queries = self.query.forward(tape, p, embedded);
+        let memory = self.memory.forward(tape, p, features);
+        let (x, weights) = self.block.forward_weighted(tape, p, queries, &Reach::All, memory, &reach);
+        let offset = self.out.forward(tape, p, x);
+        if self.average_positions {
+            let average = self.block.cross().average(tape, weights, points, &reach);
+            let offset = tape.scale(offset, self.spacing);
+            tape.add(average, offset)
+        } else {
+            offset
+        }
+    }
+}
+
+/// The mean distance from a point to its nearest other point; 0 for a single one.
+fn mean_spacing(points: &[[f32; 3]]) -> f32 {
+    if points.len() < 2 {
+        return 0.0;
+    }
+    let tree = crate::geometry::KdTree::new(points);
+    let nearest = tree.k_nearest(points, 2);
+    let distance = |(i, pair): (usize, &[u32])| {
+        let j = if pair[0] as usize == i { pair[1] } else { pair[0] };
+        let (a, b) = (points[i], points[j as usize]);
+        (0..3).map(|d| f64::from(a[d] - b[d]).powi(2)).sum::<f64>().sqrt()
+    };
+    (nearest.chunks_exact(2).enumerate().map(distance).sum::<f64>() / points.len() as f64) as f32
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nn::Params;
+    use crate::tensor::Tensor;
+    use rand::SeedableRng;
+
+    #[test]
+    fn averaged_positions_start_near_the_points_they_attend_to() {
+        let points: Vec<[f32; 3]> = crate::geometry::fibonacci_sphere(60);
+        let config = super::super::tests::small(4, true);
+        let nearest: Arc<[u32]> = crate::geometry::KdTree::new(&points).k_nearest(&points, 4).into();
+        let mut params = Params::new();
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let psi = Inverse::new(&mut params.scope("psi"), &config, &points, Some(nearest), &mut rng);
+        let mut tape = Tape::new();
+        let p = params.bind(&mut tape, false);
+        let features = tape.constant(crate::ops::testing::normal(&[60, 8], 1));
+        let q = tape.constant(Tensor::from_points(&points));
+        let codes: Vec<[f32; 3]> = points.iter().flat_map(|&u| [u; 3]).collect();
+        let codes = tape.constant(Tensor::from_points(&codes));
+        let s = psi.forward(&mut tape, &p, features, q, codes);
+        for (i, s) in tape.value(s).to_points().iter().enumerate() {
+            let centre = points[i / 3];
+            let distance = (0..3).map(|d| (s[d] - centre[d]).powi(2)).sum::<f32>().sqrt();
+            assert!(distance < 4.0 * psi.spacing, "{distance}");
+        }
+    }
+}

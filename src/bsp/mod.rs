@@ -1,0 +1,177 @@
+//! Bijective surface parameterization: the cloud is mapped to codes on the unit sphere (Phi), each code gets a patch
+//! of neighbouring codes, and the patches are mapped back to space (Psi) as a denser surface S.
+
+mod canonical;
+mod inverse;
+mod patch;
+
+pub use canonical::Canonical;
+pub use inverse::Inverse;
+pub use patch::PatchSampler;
+
+use crate::autodiff::{Tape, Var};
+use crate::geometry::KdTree;
+use crate::nn::{Bound, Params};
+use rand::rngs::ChaCha8Rng;
+use std::sync::Arc;
+
+/// The sizes of the parameterization.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BspConfig {
+    /// Channels c of features and attention.
+    pub channels: usize,
+    /// Attention heads; c is a multiple of it.
+    pub heads: usize,
+    /// Neighbours k of a point in Phi.
+    pub neighbours: usize,
+    /// Codes M in a patch.
+    pub patch: usize,
+    /// Codes on the whole sphere, as a multiple of N M. About 1 lets the patches tile it; the authors' code has 50,000
+    /// codes for 300 points, a multiple of 17, whose patches are much smaller than the gaps between points.
+    pub sphere: f32,
+    /// Points whose features a patch attends to: the nearest in space to its centre. 0 for all of them, as in the
+    /// paper, at a cost of N^2 M; N is the same as 0 but for the order of sums.
+    pub reach: usize,
+    /// Whether Psi averages the positions of the points it attends to and adds a learned offset, instead of making
+    /// positions from nothing.
+    pub average_positions: bool,
+}
+
+/// The two maps with their parameters, for one cloud.
+#[derive(Clone, Debug)]
+pub struct Bsp {
+    config: BspConfig,
+    params: Params,
+    canonical: Canonical,
+    sampler: PatchSampler,
+    inverse: Inverse,
+}
+
+/// What a forward pass puts on the tape.
+#[derive(Clone, Copy, Debug)]
+pub struct Parameterization {
+    /// The codes of the points on the unit sphere, N x 3.
+    pub codes: Var,
+    /// The codes of all patches on the unit sphere, (N M) x 3, patch by patch.
+    pub patches: Var,
+    /// The parameterized surface S, (N M) x 3, in the working frame.
+    pub surface: Var,
+}
+
+impl Bsp {
+    /// Maps for the cloud Q, `points` (n x 3, working frame).
+    ///
+    /// # Panics
+    /// If the cloud is empty, or the channels are not a multiple of the heads.
+    #[track_caller]
+    pub fn new(config: BspConfig, points: &[[f32; 3]], rng: &mut ChaCha8Rng) -> Self {
+        let n = points.len();
+        let tree = KdTree::new(points);
+        let nearest = |k: usize| -> Arc<[u32]> { tree.k_nearest(points, k.clamp(1, n)).into() };
+        let mut params = Params::new();
+        let canonical =
+            Canonical::new(&mut params.scope("phi"), config.channels, nearest(config.neighbours), rng);
+        let codes = (config.sphere * (n * config.patch) as f32).ceil() as usize;
+        let sampler = PatchSampler::new(codes.max(config.patch), config.patch);
+        let reach = (config.reach > 0 && config.reach < n).then(|| nearest(config.reach));
+        let inverse = Inverse::new(&mut params.scope("psi"), &config, points, reach, rng);
+        Bsp { config, params, canonical, sampler, inverse }
+    }
+
+    /// The sizes.
+    pub fn config(&self) -> &BspConfig {
+        &self.config
+    }
+
+    /// The parameters of both maps.
+    pub fn params(&self) -> &Params {
+        &self.params
+    }
+
+    /// The parameters of both maps, to be changed.
+    pub fn params_mut(&mut self) -> &mut Params {
+        &mut self.params
+    }
+
+    /// Codes, patches and the surface S of the cloud `points` (n x 3, on the tape).
+    ///
+    /// # Panics
+    /// If `points` is not the cloud the maps were made for.
+    #[track_caller]
+    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var) -> Parameterization {
+        let (features, codes) = self.canonical.forward(tape, p, points);
+        let patches = self.sampler.forward(tape, codes);
+        let surface = self.inverse.forward(tape, p, features, points, patches);
+        Parameterization { codes, patches, surface }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::loss::Direction;
+    use crate::ops::testing::{check, normal};
+    use crate::tensor::Tensor;
+    use rand::SeedableRng;
+
+    pub(super) fn small(reach: usize, average_positions: bool) -> BspConfig {
+        BspConfig { channels: 8, heads: 2, neighbours: 4, patch: 3, sphere: 1.0, reach, average_positions }
+    }
+
+    #[test]
+    fn gradients_reach_every_parameter_in_every_form() {
+        let cloud = normal(&[9, 3], 5);
+        let points = cloud.to_points();
+        for (reach, average) in [(0, false), (0, true), (4, false), (4, true)] {
+            let bsp = Bsp::new(small(reach, average), &points, &mut ChaCha8Rng::seed_from_u64(2));
+            let inputs: Vec<Tensor> = bsp.params.values().iter().map(|v| (**v).clone()).collect();
+            let compared = check(
+                |t, x| {
+                    let q = t.constant(cloud.clone());
+                    let out = bsp.forward(t, &Bound::new(x.to_vec()), q);
+                    t.concat_cols([out.surface, out.patches])
+                },
+                &inputs,
+                9,
+            );
+            assert!(compared > 0);
+
+            let mut tape = Tape::new();
+            let p = bsp.params.bind(&mut tape, true);
+            let q = tape.constant(cloud.clone());
+            let out = bsp.forward(&mut tape, &p, q);
+            let loss = tape.chamfer(out.surface, q, Direction::BOTH);
+            let gradients = p.collect(&mut tape.backward(loss));
+            // A softmax ignores what shifts all its scores alike.
+            let silent = ["phi.attention.gamma.layer1.bias", "phi.attention.eta.bias", "psi.block.cross.key.bias"];
+            for (name, gradient) in bsp.params.names().zip(&gradients) {
+                let gradient = gradient.as_ref().unwrap_or_else(|| panic!("{name} has no gradient"));
+                let size = gradient.data().iter().map(|g| g.abs()).sum::<f32>();
+                assert!(size.is_finite() && (size > 0.0 || silent.contains(&name)), "{name}: {size}");
+            }
+        }
+    }
+
+    #[test]
+    fn global_attention_equals_a_reach_of_all_points() {
+        let cloud = normal(&[7, 3], 1);
+        let points = cloud.to_points();
+        let surfaces: Vec<Vec<f32>> = [0, 6]
+            .iter()
+            .map(|&reach| {
+                let mut bsp = Bsp::new(small(reach, true), &points, &mut ChaCha8Rng::seed_from_u64(2));
+                if reach > 0 {
+                    // All seven, though a reach of n is otherwise taken as global.
+                    let all = KdTree::new(&points).k_nearest(&points, 7);
+                    bsp.inverse.set_reach(Some(all.into()));
+                }
+                let mut tape = Tape::new();
+                let p = bsp.params.bind(&mut tape, false);
+                let q = tape.constant(cloud.clone());
+                let out = bsp.forward(&mut tape, &p, q);
+                tape.value(out.surface).data().to_vec()
+            })
+            .collect();
+        assert!(surfaces[0].iter().zip(&surfaces[1]).all(|(a, b)| (a - b).abs() < 1e-5));
+    }
+}

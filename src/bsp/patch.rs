@@ -1,0 +1,82 @@
+//! Patches: the nearest codes of a near-uniform sphere around every point's code.
+
+use crate::autodiff::{Tape, Var};
+use crate::geometry::{KdTree, fibonacci_sphere};
+use crate::tensor::Tensor;
+use std::sync::Arc;
+
+/// p = normalize(u + (c - stop(u))) for the M codes c of the sphere nearest to the code u of each point.
+///
+/// The value is c itself; the form lets gradients reach u, and with it the head of Phi. The authors' code detaches u,
+/// so its head never learns.
+#[derive(Clone, Debug)]
+pub struct PatchSampler {
+    sphere: Vec<[f32; 3]>,
+    tree: Arc<KdTree>,
+    patch: usize,
+}
+
+impl PatchSampler {
+    /// Patches of `patch` codes on a Fibonacci sphere of `codes`.
+    ///
+    /// # Panics
+    /// If `patch` is 0 or more than `codes`.
+    #[track_caller]
+    pub fn new(codes: usize, patch: usize) -> Self {
+        assert!(patch > 0 && patch <= codes, "patches of {patch} on a sphere of {codes} codes");
+        let sphere = fibonacci_sphere(codes);
+        let tree = Arc::new(KdTree::new(&sphere));
+        PatchSampler { sphere, tree, patch }
+    }
+
+    /// Codes u (n x 3, unit length) to patches ((n M) x 3, unit length), patch by patch, nearest first.
+    ///
+    /// Gradient: to u, through the centre of the patch; which codes are nearest is constant.
+    ///
+    /// # Panics
+    /// If u is not finite.
+    #[track_caller]
+    pub fn forward(&self, tape: &mut Tape, u: Var) -> Var {
+        let centres = tape.value(u).to_points();
+        let chosen = self.tree.k_nearest(&centres, self.patch);
+        // c - stop(u): what leads from the centre to the code.
+        let step = |(i, &c): (usize, &u32)| {
+            let (c, u) = (self.sphere[c as usize], centres[i / self.patch]);
+            [c[0] - u[0], c[1] - u[1], c[2] - u[2]]
+        };
+        let steps: Vec<[f32; 3]> = chosen.iter().enumerate().map(step).collect();
+        let steps = tape.constant(Tensor::from_points(&steps));
+        let centre = tape.repeat_rows(u, self.patch);
+        let moved = tape.add(centre, steps);
+        tape.normalize_rows(moved)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ops::testing::normal;
+
+    #[test]
+    fn patches_are_the_nearest_codes_and_pass_gradients_to_the_centre() {
+        let sampler = PatchSampler::new(200, 5);
+        let mut tape = Tape::new();
+        let raw = tape.input(normal(&[6, 3], 4));
+        let u = tape.normalize_rows(raw);
+        let patches = sampler.forward(&mut tape, u);
+        let (centres, points) = (tape.value(u).to_points(), tape.value(patches).to_points());
+        let d = |a: [f32; 3], b: [f32; 3]| (0..3).map(|i| (a[i] - b[i]).powi(2)).sum::<f32>();
+        for (i, &centre) in centres.iter().enumerate() {
+            let mut all: Vec<f32> = sampler.sphere.iter().map(|&c| d(c, centre)).collect();
+            all.sort_by(f32::total_cmp);
+            for (found, nearest) in points[5 * i..5 * i + 5].iter().zip(all) {
+                assert!((d(*found, centre) - nearest).abs() < 1e-5);
+                assert!((d(*found, [0.0; 3]) - 1.0).abs() < 1e-5);
+            }
+        }
+        let loss = tape.square(patches);
+        let first = tape.slice_cols(loss, 0..1);
+        let loss = tape.sum(first);
+        assert!(tape.backward(loss).get(raw).unwrap().data().iter().any(|g| g.abs() > 1e-3));
+    }
+}
