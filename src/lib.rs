@@ -4,5 +4,6 @@
 
 mod error;
 pub mod geometry;
+pub mod io;
 
 pub use error::{Error, ErrorKind};
