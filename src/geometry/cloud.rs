@@ -154,7 +154,8 @@ mod tests {
 
     #[test]
     fn one_point_off_the_plane_of_many_is_enough() {
-        let mut cloud: Vec<[f32; 3]> = (0..10_000).map(|i| [(i % 100) as f32, (i / 100) as f32, 0.0]).collect();
+        let mut cloud: Vec<[f32; 3]> =
+            (0..10_000).map(|i| [(i % 100) as f32, (i / 100) as f32, 0.0]).collect();
         assert!(message(&cloud).contains("in one plane"));
         cloud.push([50.0, 50.0, 0.01]);
         assert!(clean_cloud(&cloud).is_ok());

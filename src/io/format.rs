@@ -29,15 +29,8 @@ pub enum Format {
 
 impl Format {
     /// Every format, in the order in which messages list them.
-    pub const ALL: [Format; 7] = [
-        Format::Ply,
-        Format::Xyz,
-        Format::Csv,
-        Format::Obj,
-        Format::Stl,
-        Format::Npy,
-        Format::Kitti,
-    ];
+    pub const ALL: [Format; 7] =
+        [Format::Ply, Format::Xyz, Format::Csv, Format::Obj, Format::Stl, Format::Npy, Format::Kitti];
 
     /// The name by which a user chooses it, in lower case.
     pub fn name(self) -> &'static str {

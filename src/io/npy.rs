@@ -59,8 +59,11 @@ pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
 /// Cuts a file into the text of its header and the array's bytes.
 fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Error> {
     let short = || {
-        Error::new(ErrorKind::Format, format!("truncated: the file ends in its header, at {} bytes", bytes.len()))
-            .advise("fetch the file again")
+        Error::new(
+            ErrorKind::Format,
+            format!("truncated: the file ends in its header, at {} bytes", bytes.len()),
+        )
+        .advise("fetch the file again")
     };
     if !bytes.starts_with(MAGIC) {
         return Err(Error::new(ErrorKind::Format, "the file does not begin with the mark of an NPY file")
@@ -147,9 +150,12 @@ struct Number {
 impl Number {
     fn parse(descr: &str) -> Result<Number, Error> {
         let unsupported = || {
-            Error::new(ErrorKind::Format, format!("numbers of type {} are not supported", show(descr.as_bytes())))
-                .at_element("NPY header")
-                .advise("save 32- or 64-bit floats or integers, for example points.astype('float32')")
+            Error::new(
+                ErrorKind::Format,
+                format!("numbers of type {} are not supported", show(descr.as_bytes())),
+            )
+            .at_element("NPY header")
+            .advise("save 32- or 64-bit floats or integers, for example points.astype('float32')")
         };
         let (order, rest) = match descr.as_bytes() {
             [order @ (b'<' | b'>' | b'=' | b'|'), rest @ ..] => (*order, rest),
@@ -201,8 +207,7 @@ pub(super) mod tests {
 
     /// The points as an NPY file of little-endian `f32`, row by row.
     pub fn write(points: &[[f32; 3]]) -> Vec<u8> {
-        let header =
-            format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 3), }}", points.len());
+        let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 3), }}", points.len());
         let data: Vec<u8> = points.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
         file(1, &header, &data)
     }

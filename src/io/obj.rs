@@ -76,20 +76,27 @@ pub(super) fn write(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> 
 /// The vertex index from 0 of a corner `a`, `a/b`, `a//c` or `a/b/c`; negative ones count back from the last vertex.
 fn corner(word: &[u8], so_far: usize) -> Result<i64, Error> {
     let position = word.split(|&b| b == b'/').next().unwrap_or(word);
-    match integer(position) {
-        Some(i @ 1..) => Ok(i - 1),
-        Some(i @ ..0) if i.unsigned_abs() <= so_far as u64 => Ok(so_far as i64 + i),
-        Some(i @ ..0) => {
-            Err(Error::new(ErrorKind::Format, format!("vertex {i} is named, but only {so_far} come before it"))
-                .advise("the file is truncated or its indices are wrong; export it again"))
-        }
-        Some(_) => Err(Error::new(ErrorKind::Format, "vertex 0 is named, but OBJ counts from 1")
-            .advise("add 1 to every index or export the file again")),
-        None => {
-            Err(Error::new(ErrorKind::Format, format!("{} is not a corner such as 5 or 5/2/7", show(word)))
-                .advise("correct the line or export the file again"))
-        }
+    let wrong = |what: String, advice: &str| Error::new(ErrorKind::Format, what).advise(advice);
+    let Some(i) = integer(position) else {
+        let what = format!("{} is not a corner such as 5 or 5/2/7", show(word));
+        return Err(wrong(what, "correct the line or export the file again"));
+    };
+    if i == 0 {
+        let what = "vertex 0 is named, but OBJ counts from 1".to_string();
+        return Err(wrong(what, "add 1 to every index or export the file again"));
     }
+    if i > i64::from(u32::MAX) {
+        let what = format!("vertex {i} is named, which is not a possible index");
+        return Err(wrong(what, "the file is damaged; export it again"));
+    }
+    if i > 0 {
+        return Ok(i - 1);
+    }
+    if i.unsigned_abs() > so_far as u64 {
+        let what = format!("vertex {i} is named, but only {so_far} come before it");
+        return Err(wrong(what, "the file is truncated or its indices are wrong; export it again"));
+    }
+    Ok(so_far as i64 + i)
 }
 
 #[cfg(test)]

@@ -105,8 +105,12 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
     for e in &header.elements {
         match e.name.as_str() {
             "vertex" => {
-                let extra: Vec<&str> =
-                    e.properties.keys().map(String::as_str).filter(|k| !["x", "y", "z"].contains(k)).collect();
+                let extra: Vec<&str> = e
+                    .properties
+                    .keys()
+                    .map(String::as_str)
+                    .filter(|k| !["x", "y", "z"].contains(k))
+                    .collect();
                 let more = if extra.len() > 8 { ", ..." } else { "" };
                 let names = extra[..extra.len().min(8)].join(", ");
                 match extra.len() {
@@ -135,12 +139,7 @@ fn cut_short(def: &ElementDef, index: usize) -> Error {
         .advise("fetch the file again; if it is whole, its header is wrong")
 }
 
-fn read_binary(
-    header: &Header,
-    mut body: &[u8],
-    want: Want,
-    loaded: &mut Loaded,
-) -> Result<(), Error> {
+fn read_binary(header: &Header, mut body: &[u8], want: Want, loaded: &mut Loaded) -> Result<(), Error> {
     let decoder = Decoder { little: header.encoding == Encoding::BinaryLittleEndian };
     for (at, def) in header.elements.iter().enumerate() {
         if !wanted(&header.elements[at..], want) {
@@ -427,8 +426,8 @@ fn each_property<'a>(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use proptest::prelude::*;
     use ply_rs::ply::DefaultElement;
+    use proptest::prelude::*;
 
     const ENCODINGS: [Encoding; 3] =
         [Encoding::Ascii, Encoding::BinaryLittleEndian, Encoding::BinaryBigEndian];
@@ -489,7 +488,9 @@ mod tests {
 
     #[test]
     fn corners_may_have_any_integer_type() {
-        for (item, width) in [("char", 1), ("uint8", 1), ("short", 2), ("ushort", 2), ("int32", 4), ("uint", 4)] {
+        for (item, width) in
+            [("char", 1), ("uint8", 1), ("short", 2), ("ushort", 2), ("int32", 4), ("uint", 4)]
+        {
             let mut bytes = format!(
                 "ply\nformat binary_little_endian 1.0\nelement vertex 1\nproperty char x\nproperty char y\n\
                  property char z\nelement face 1\nproperty list uchar {item} vertex_indices\n\
@@ -522,7 +523,10 @@ mod tests {
             ("0 0 0\n1 0 0 5\n0 1 0\n3 0 1 2\n", "line 11: vertex 1: 1 words too many"),
             ("0 0 0\n1 0 nan\n0 1 0\n3 0 1 2\n", "line 11: vertex 1: z is NaN"),
             ("0 0 0\n1 0 0\n0 1 0\n\n2 0 1\n", "line 14: face 0: at least 3 corners expected, 2 found"),
-            ("0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n", "line 13: face 0: the line ends before property vertex_indices"),
+            (
+                "0 0 0\n1 0 0\n0 1 0\n4 0 1 2\n",
+                "line 13: face 0: the line ends before property vertex_indices",
+            ),
             ("0 0 0\n1 0 0\n0 1 0\n-3 0 1 2\n", "\"-3\" is not the length of a list"),
             ("0 0 0\n1 0 0\n0 1 0\n3 0 1 -2\n", "vertex -2 is named"),
             ("0 0 0\n1 0 0\n0 1 0\n3 0 1 1.5\n", "\"1.5\" is not a vertex index"),
@@ -543,16 +547,18 @@ mod tests {
         assert!(message(strips.as_bytes()).contains("triangle strips"));
         let other = header("element face 0\nproperty int vertex_indices\n");
         assert!(message(other.as_bytes()).contains("no integer list vertex_indices"));
-        let both =
-            header("element face 0\nproperty list int int vertex_indices\nproperty list int int vertex_index\n");
+        let both = header(
+            "element face 0\nproperty list int int vertex_indices\nproperty list int int vertex_index\n",
+        );
         assert!(message(both.as_bytes()).contains("both"));
     }
 
     #[test]
     fn a_false_list_length_is_a_truncation() {
-        let mut bytes = b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty int x\nproperty int y\n\
+        let mut bytes =
+            b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty int x\nproperty int y\n\
             property int z\nelement face 1\nproperty list uint int vertex_indices\nend_header\n"
-            .to_vec();
+                .to_vec();
         bytes.extend([0xff; 20]);
         assert!(message(&bytes).contains("face 0: truncated: 1 promised, 0 are whole"));
         let signed = String::from_utf8_lossy(&bytes[..bytes.len() - 20]).replace("uint", "int").into_bytes();

@@ -292,12 +292,15 @@ mod tests {
             (format!("ply\nformat ascii 1.0\nproperty int x\n{tail}"), "a property before any element"),
             (format!("ply\nformat ascii 1.0\nelement vertex -1\n{tail}"), "\"-1\" is not a count"),
             (format!("ply\nformat ascii 1.0\nelement vertex +1\n{tail}"), "\"+1\" is not a count"),
+            (format!("ply\nformat ascii 1.0\nelement vertex 99999999999999999999\n{tail}"), "is not a count"),
             (
-                format!("ply\nformat ascii 1.0\nelement vertex 99999999999999999999\n{tail}"),
-                "is not a count",
+                format!("ply\nformat ascii 1.0\nelement vertex 0\n{tail}"),
+                "vertex: the element has no properties",
             ),
-            (format!("ply\nformat ascii 1.0\nelement vertex 0\n{tail}"), "vertex: the element has no properties"),
-            (format!("ply\nformat ascii 1.0\nelement p 0\nproperty int x\n{tail}"), "no element vertex, only [p]"),
+            (
+                format!("ply\nformat ascii 1.0\nelement p 0\nproperty int x\n{tail}"),
+                "no element vertex, only [p]",
+            ),
             (
                 format!("ply\nformat ascii 1.0\nelement vertex 0\nproperty int x\nproperty int y\n{tail}"),
                 "no number property z",

@@ -150,7 +150,10 @@ fn read_ascii(bytes: &[u8]) -> Result<Loaded, Error> {
     if !closed {
         return Err(Error::new(
             ErrorKind::Format,
-            format!("truncated: the text ends without endsolid after {} triangles", corners.loaded.faces.len()),
+            format!(
+                "truncated: the text ends without endsolid after {} triangles",
+                corners.loaded.faces.len()
+            ),
         )
         .advise("fetch the file again"));
     }
@@ -234,7 +237,8 @@ mod tests {
 
     #[test]
     fn zero_signs_do_not_split_vertices() {
-        let text = b"SOLID x\nFACET NORMAL 0 0 0\nOUTER LOOP\nVERTEX 0 0 0\nvertex -0 0 -0\nvertex 1 0 0\nendloop\n\
+        let text =
+            b"SOLID x\nFACET NORMAL 0 0 0\nOUTER LOOP\nVERTEX 0 0 0\nvertex -0 0 -0\nvertex 1 0 0\nendloop\n\
             endfacet\nendsolid\n";
         assert_eq!(read(text).unwrap().faces, [[0, 0, 1]]);
     }

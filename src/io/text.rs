@@ -19,16 +19,6 @@ impl<'a> Lines<'a> {
     pub(super) fn after(bytes: &'a [u8], number: u64) -> Self {
         Lines { rest: bytes, number }
     }
-
-    /// The number of the line handed out last.
-    pub(super) fn number(&self) -> u64 {
-        self.number
-    }
-
-    /// The bytes behind the line handed out last.
-    pub(super) fn rest(&self) -> &'a [u8] {
-        self.rest
-    }
 }
 
 impl<'a> Iterator for Lines<'a> {

@@ -103,12 +103,7 @@ pub fn write_cloud_to(
     emit_cloud(&mut out, points, format, encoding).and_then(|()| out.flush()).map_err(failed)
 }
 
-fn emit_mesh(
-    out: &mut dyn Write,
-    mesh: &TriangleMesh,
-    format: Format,
-    encoding: Encoding,
-) -> io::Result<()> {
+fn emit_mesh(out: &mut dyn Write, mesh: &TriangleMesh, format: Format, encoding: Encoding) -> io::Result<()> {
     match (format, encoding) {
         (Format::Ply, _) => ply::write(out, &mesh.verts, Some(&mesh.faces), ply_encoding(encoding)),
         (Format::Stl, Encoding::Binary) => stl::write_binary(out, mesh),
@@ -158,8 +153,11 @@ fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
     }
     // PLY face lists are signed and STL counts its triangles in 32 bits.
     if v > i32::MAX as usize || f > u32::MAX as usize {
-        return Err(Error::new(ErrorKind::Data, format!("{v} vertices and {f} faces are too many for {format}"))
-            .advise("write the mesh in parts"));
+        return Err(Error::new(
+            ErrorKind::Data,
+            format!("{v} vertices and {f} faces are too many for {format}"),
+        )
+        .advise("write the mesh in parts"));
     }
     for (i, &p) in mesh.verts.iter().enumerate() {
         check_point(p, "vertex", i)?;

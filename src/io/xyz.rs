@@ -41,7 +41,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
                 }
             }
             if fields.iter().all(|f| float(f).is_none()) && names.is_none() {
-                names = Some(fields.iter().map(|f| String::from_utf8_lossy(f).to_ascii_lowercase()).collect());
+                names =
+                    Some(fields.iter().map(|f| String::from_utf8_lossy(f).to_ascii_lowercase()).collect());
                 continue;
             }
             columns = choose_columns(names.as_deref(), fields.len(), &mut notices);
@@ -94,8 +95,7 @@ fn split_comment(line: &[u8]) -> (&[u8], Option<&[u8]>) {
 fn axis_names(comment: &[u8]) -> Option<Vec<String>> {
     let mut fields = Vec::new();
     split(comment, &mut fields);
-    let names: Vec<String> =
-        fields.iter().map(|f| String::from_utf8_lossy(f).to_ascii_lowercase()).collect();
+    let names: Vec<String> = fields.iter().map(|f| String::from_utf8_lossy(f).to_ascii_lowercase()).collect();
     ["x", "y", "z"].iter().all(|axis| names.iter().any(|n| n == axis)).then_some(names)
 }
 
