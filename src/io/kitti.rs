@@ -7,7 +7,7 @@ const ROW: usize = 16;
 
 /// Reads n x 3 points and drops the intensities.
 pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
-    if bytes.len() % ROW != 0 {
+    if !bytes.len().is_multiple_of(ROW) {
         return Err(Error::new(
             ErrorKind::Format,
             format!(

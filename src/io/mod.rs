@@ -30,7 +30,6 @@ mod kitti;
 mod npy;
 mod obj;
 mod ply;
-mod ply_header;
 mod stl;
 mod text;
 mod write;

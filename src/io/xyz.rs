@@ -6,7 +6,7 @@
 
 use std::io::{self, Write};
 
-use super::text::{Lines, not_a_number, show, three_floats, without_mark, words, write_floats};
+use super::text::{Lines, not_a_number, three_floats, without_mark, words, write_floats};
 use super::{Loaded, check_point, float};
 use crate::{Error, ErrorKind};
 

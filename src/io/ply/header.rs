@@ -6,7 +6,7 @@
 
 use ply_rs::ply::{Addable, ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
 
-use super::text::{show, words};
+use super::super::text::{show, words};
 use crate::{Error, ErrorKind};
 
 const MAX_LINE: usize = 64 << 10;
@@ -262,10 +262,8 @@ mod tests {
     #[test]
     fn comments_and_line_endings_do_not_matter() {
         for end in ["\n", "\r\n", "\r"] {
-            let text = format!(
-                "ply\ncomment\n\nformat ascii 1.0 \nobj_info a b\nelement vertex 0\nproperty  int8  x\n\
-                 property\tfloat64 y\nproperty uint32 z\nproperty float scalar_Coord._X\ncomment end_header\nend_header\n"
-            );
+            let text = "ply\ncomment\n\nformat ascii 1.0 \nobj_info a b\nelement vertex 0\nproperty  int8  x\n\
+                property\tfloat64 y\nproperty uint32 z\nproperty float scalar_Coord._X\ncomment end_header\nend_header\n";
             let bytes = [text.replace('\n', end).as_bytes(), b"\nrest"].concat();
             let header = Header::parse(&bytes).unwrap();
             assert_eq!(&bytes[header.body..], b"\nrest", "{end:?}");

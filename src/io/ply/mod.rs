@@ -1,20 +1,22 @@
 //! PLY, text and binary of either byte order.
 //!
-//! Binary elements are decoded by `ply_rs` into the small structs below, behind the header check of
-//! [`ply_header`](super::ply_header). Text elements are split here: the grammar of `ply_rs` refuses numbers such as
-//! `1.` and `.5`, blank lines, and an integer property written as `3.0`, all of which real files have.
+//! Binary elements are decoded by `ply_rs` behind the header check of [`header`]. Text elements are split in [`text`]:
+//! the grammar of `ply_rs` refuses numbers such as `1.` and `.5`, blank lines, and an integer property written as
+//! `3.0`, all of which real files have.
 
 use std::io::{self, Write};
 
-use ply_rs::parser::{ParseError, Parser};
-use ply_rs::ply::{
-    BeginList, ElementDef, Encoding, PropertyAccess, PropertyAccessResult, PropertyType, ScalarType,
-};
+use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 
-use super::ply_header::{Header, size};
-use super::text::{Lines, integer, not_a_number, show, words, write_floats};
-use super::{Loaded, Want, check_point, float, push_fan};
+use super::text::write_floats;
+use super::{Loaded, Want};
 use crate::{Error, ErrorKind};
+
+mod binary;
+mod header;
+mod text;
+
+use header::Header;
 
 /// The two names that the corner list of a face goes by.
 const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
@@ -28,9 +30,9 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut loaded = Loaded { notices: notices(&header, want), ..Loaded::default() };
     let body = &bytes[header.body..];
     match header.encoding {
-        Encoding::Ascii => read_text(&header, body, want, &mut loaded)?,
+        Encoding::Ascii => text::read(&header, body, want, &mut loaded)?,
         Encoding::BinaryLittleEndian | Encoding::BinaryBigEndian => {
-            read_binary(&header, body, want, &mut loaded)?;
+            binary::read(&header, body, want, &mut loaded)?;
         }
     }
     Ok(loaded)
@@ -139,293 +141,10 @@ fn cut_short(def: &ElementDef, index: usize) -> Error {
         .advise("fetch the file again; if it is whole, its header is wrong")
 }
 
-fn read_binary(header: &Header, mut body: &[u8], want: Want, loaded: &mut Loaded) -> Result<(), Error> {
-    let decoder = Decoder { little: header.encoding == Encoding::BinaryLittleEndian };
-    for (at, def) in header.elements.iter().enumerate() {
-        if !wanted(&header.elements[at..], want) {
-            break;
-        }
-        match def.name.as_str() {
-            "vertex" => {
-                loaded.verts.reserve_exact(def.count);
-                for i in 0..def.count {
-                    let row: VertexRow = decoder.read(&mut body, def, i)?;
-                    check_point(row.0, "vertex", i)?;
-                    loaded.verts.push(row.0);
-                }
-            }
-            "face" if want == Want::Mesh => {
-                // A triangle takes 4 bytes at the least, which bounds what a false count can reserve.
-                loaded.faces.reserve(def.count.min(body.len() / 4));
-                let mut polygon = Vec::new();
-                for i in 0..def.count {
-                    let row: FaceRow = decoder.read(&mut body, def, i)?;
-                    row.polygon(&mut polygon);
-                    push_fan(&mut loaded.faces, &polygon).map_err(|e| e.at_element(format!("face {i}")))?;
-                }
-            }
-            _ => skip(&decoder, &mut body, def)?,
-        }
-    }
-    Ok(())
-}
-
-/// Passes over an element that is not of interest.
-fn skip(decoder: &Decoder, body: &mut &[u8], def: &ElementDef) -> Result<(), Error> {
-    let one: Option<u64> = def
-        .properties
-        .values()
-        .map(|p| match &p.data_type {
-            PropertyType::Scalar(t) => Some(size(t)),
-            PropertyType::List(..) => None,
-        })
-        .sum();
-    if let Some(one) = one {
-        // The header check made sure of the product; lists before may have used up the bytes, though.
-        let bytes = def.count * one as usize;
-        if bytes > body.len() {
-            return Err(cut_short(def, body.len() / one as usize));
-        }
-        *body = &body[bytes..];
-        return Ok(());
-    }
-    for i in 0..def.count {
-        let _: SkippedRow = decoder.read(body, def, i)?;
-    }
-    Ok(())
-}
-
-struct Decoder {
-    little: bool,
-}
-
-impl Decoder {
-    /// Element `index` of those that `def` describes.
-    fn read<E: PropertyAccess>(&self, body: &mut &[u8], def: &ElementDef, index: usize) -> Result<E, Error> {
-        let parser = Parser::<E>::new();
-        let row = if self.little {
-            parser.read_little_endian_element(body, def)
-        } else {
-            parser.read_big_endian_element(body, def)
-        };
-        row.map_err(|e: ParseError| {
-            if e.kind() == io::ErrorKind::UnexpectedEof {
-                return cut_short(def, index);
-            }
-            // Its messages have several lines, ours one.
-            let cause = e.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-            Error::new(ErrorKind::Format, "the element cannot be decoded")
-                .at_element(format!("{} {index}", def.name))
-                .caused_by(cause)
-        })
-    }
-}
-
-/// x, y, z of a vertex, from any number type.
-struct VertexRow([f32; 3]);
-
-impl VertexRow {
-    fn set(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        let axis = match name {
-            "x" => 0,
-            "y" => 1,
-            "z" => 2,
-            _ => return PropertyAccessResult::Ignored,
-        };
-        self.0[axis] = value;
-        PropertyAccessResult::Set
-    }
-}
-
-impl PropertyAccess for VertexRow {
-    fn new() -> Self {
-        VertexRow([0.0; 3])
-    }
-    fn set_char(&mut self, name: &str, value: i8) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
-    }
-    fn set_uchar(&mut self, name: &str, value: u8) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
-    }
-    fn set_short(&mut self, name: &str, value: i16) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
-    }
-    fn set_ushort(&mut self, name: &str, value: u16) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
-    }
-    fn set_int(&mut self, name: &str, value: i32) -> PropertyAccessResult {
-        self.set(name, value as f32)
-    }
-    fn set_uint(&mut self, name: &str, value: u32) -> PropertyAccessResult {
-        self.set(name, value as f32)
-    }
-    fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        self.set(name, value)
-    }
-    fn set_double(&mut self, name: &str, value: f64) -> PropertyAccessResult {
-        self.set(name, value as f32)
-    }
-}
-
-/// The corners of a face: the two usual types are filled in place, narrower ones are widened into `ints`.
-#[derive(Default)]
-struct FaceRow {
-    ints: Vec<i32>,
-    uints: Vec<u32>,
-}
-
-impl FaceRow {
-    fn polygon(&self, polygon: &mut Vec<i64>) {
-        polygon.clear();
-        polygon.extend(self.ints.iter().map(|&i| i64::from(i)));
-        polygon.extend(self.uints.iter().map(|&i| i64::from(i)));
-    }
-
-    fn widen<T: Into<i32>>(&mut self, name: &str, values: Vec<T>) -> PropertyAccessResult {
-        if !CORNERS.contains(&name) {
-            return PropertyAccessResult::Ignored;
-        }
-        self.ints = values.into_iter().map(Into::into).collect();
-        PropertyAccessResult::Set
-    }
-}
-
-impl PropertyAccess for FaceRow {
-    fn new() -> Self {
-        FaceRow::default()
-    }
-    fn begin_list_int(&mut self, name: &str, _: usize) -> BeginList<'_, i32> {
-        if CORNERS.contains(&name) { BeginList::Fill(&mut self.ints) } else { BeginList::UseSetter }
-    }
-    fn begin_list_uint(&mut self, name: &str, _: usize) -> BeginList<'_, u32> {
-        if CORNERS.contains(&name) { BeginList::Fill(&mut self.uints) } else { BeginList::UseSetter }
-    }
-    fn set_list_char(&mut self, name: &str, values: Vec<i8>) -> PropertyAccessResult {
-        self.widen(name, values)
-    }
-    fn set_list_uchar(&mut self, name: &str, values: Vec<u8>) -> PropertyAccessResult {
-        self.widen(name, values)
-    }
-    fn set_list_short(&mut self, name: &str, values: Vec<i16>) -> PropertyAccessResult {
-        self.widen(name, values)
-    }
-    fn set_list_ushort(&mut self, name: &str, values: Vec<u16>) -> PropertyAccessResult {
-        self.widen(name, values)
-    }
-}
-
-/// An element that is read only to get past it.
-struct SkippedRow;
-
-impl PropertyAccess for SkippedRow {
-    fn new() -> Self {
-        SkippedRow
-    }
-}
-
-fn read_text(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded) -> Result<(), Error> {
-    let mut lines = Lines::after(body, header.lines);
-    let mut polygon = Vec::new();
-    for (at, def) in header.elements.iter().enumerate() {
-        if !wanted(&header.elements[at..], want) {
-            break;
-        }
-        match def.name.as_str() {
-            "vertex" => loaded.verts.reserve_exact(def.count),
-            "face" if want == Want::Mesh => loaded.faces.reserve(def.count.min(body.len() / 4)),
-            _ => {}
-        }
-        for i in 0..def.count {
-            // Blank lines are no elements.
-            let Some((number, line)) = lines.find(|(_, line)| !line.trim_ascii().is_empty()) else {
-                return Err(cut_short(def, i));
-            };
-            let located = |e: Error| e.at_line(number).at_element(format!("{} {i}", def.name));
-            match def.name.as_str() {
-                "vertex" => {
-                    let point = vertex_of(line, def).map_err(located)?;
-                    check_point(point, "vertex", i).map_err(|e| e.at_line(number))?;
-                    loaded.verts.push(point);
-                }
-                "face" if want == Want::Mesh => {
-                    polygon_of(line, def, &mut polygon).map_err(located)?;
-                    push_fan(&mut loaded.faces, &polygon).map_err(located)?;
-                }
-                _ => {}
-            }
-        }
-    }
-    Ok(())
-}
-
-/// x, y, z from the line of a vertex.
-fn vertex_of(line: &[u8], def: &ElementDef) -> Result<[f32; 3], Error> {
-    let mut point = [0.0; 3];
-    each_property(line, def, |name, values| {
-        if let Some(axis) = ["x", "y", "z"].iter().position(|a| *a == name) {
-            point[axis] = float(values[0]).ok_or_else(|| not_a_number(values[0]))?;
-        }
-        Ok(())
-    })?;
-    Ok(point)
-}
-
-/// The corner list from the line of a face.
-fn polygon_of(line: &[u8], def: &ElementDef, polygon: &mut Vec<i64>) -> Result<(), Error> {
-    polygon.clear();
-    each_property(line, def, |name, values| {
-        if CORNERS.contains(&name) {
-            for &value in values {
-                polygon.push(integer(value).ok_or_else(|| {
-                    Error::new(ErrorKind::Format, format!("{} is not a vertex index", show(value)))
-                        .advise("export the mesh again")
-                })?);
-            }
-        }
-        Ok(())
-    })
-}
-
-/// Deals the words of a line out to the properties of its element: one to a number, a count and its items to a list.
-fn each_property<'a>(
-    line: &'a [u8],
-    def: &ElementDef,
-    mut take: impl FnMut(&str, &[&'a [u8]]) -> Result<(), Error>,
-) -> Result<(), Error> {
-    let mut parts = words(line);
-    let missing = |name: &str| {
-        Error::new(ErrorKind::Format, format!("the line ends before property {name}"))
-            .advise("complete the line or export the file again")
-    };
-    for (name, property) in &def.properties {
-        let first = parts.next().ok_or_else(|| missing(name))?;
-        match property.data_type {
-            PropertyType::Scalar(_) => take(name, &[first])?,
-            PropertyType::List(..) => {
-                let count = integer(first).and_then(|n| u64::try_from(n).ok()).ok_or_else(|| {
-                    Error::new(ErrorKind::Format, format!("{} is not the length of a list", show(first)))
-                        .advise("export the file again")
-                })?;
-                // Only as many words as the line really has can be collected, whatever the count says.
-                let values: Vec<&[u8]> =
-                    parts.by_ref().take(usize::try_from(count).unwrap_or(usize::MAX)).collect();
-                if (values.len() as u64) < count {
-                    return Err(missing(name));
-                }
-                take(name, &values)?;
-            }
-        }
-    }
-    match parts.count() {
-        0 => Ok(()),
-        extra => Err(Error::new(ErrorKind::Format, format!("{extra} words too many on the line"))
-            .advise("one element a line is expected, with the properties of the header")),
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use ply_rs::parser::Parser;
     use ply_rs::ply::DefaultElement;
     use proptest::prelude::*;
 
