@@ -8,6 +8,7 @@ mod error;
 pub mod evaluate;
 pub mod gdo;
 pub mod geometry;
+pub mod io;
 pub mod loss;
 pub mod nn;
 pub mod ops;

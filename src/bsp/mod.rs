@@ -143,7 +143,8 @@ mod tests {
             let loss = tape.chamfer(out.surface, q, Direction::BOTH);
             let gradients = p.collect(&mut tape.backward(loss));
             // A softmax ignores what shifts all its scores alike.
-            let silent = ["phi.attention.gamma.layer1.bias", "phi.attention.eta.bias", "psi.block.cross.key.bias"];
+            let silent =
+                ["phi.attention.gamma.layer1.bias", "phi.attention.eta.bias", "psi.block.cross.key.bias"];
             for (name, gradient) in bsp.params.names().zip(&gradients) {
                 let gradient = gradient.as_ref().unwrap_or_else(|| panic!("{name} has no gradient"));
                 let size = gradient.data().iter().map(|g| g.abs()).sum::<f32>();

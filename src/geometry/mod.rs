@@ -3,6 +3,7 @@
 mod bounds;
 mod bricks;
 mod bvh;
+mod cloud;
 mod knn;
 mod level;
 mod marching;
@@ -16,6 +17,7 @@ mod topology;
 
 pub use bounds::{Bounds, Normalizer};
 pub use bvh::{SurfaceHit, TriangleBvh};
+pub use cloud::{CleanCloud, clean_cloud};
 pub use knn::KdTree;
 pub use marching::{BandTopology, Isosurface, march};
 pub use mesh::TriangleMesh;

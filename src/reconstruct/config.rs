@@ -46,7 +46,12 @@ pub struct Stage {
 
 /// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Preset { Paper, Fast, Default, Fine }
+pub enum Preset {
+    Paper,
+    Fast,
+    Default,
+    Fine,
+}
 
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
@@ -72,12 +77,37 @@ impl Config {
     pub fn preset(_: Preset) -> Self {
         Config {
             seed: 0,
-            field: FieldConfig { width: 128, depth: 4, octaves: 3, frequency: 2.0, activation: Activation::Softplus { beta: 100.0 }, skip: None, radius: 0.35 },
-            bsp: BspConfig { channels: 64, heads: 4, neighbours: 8, patch: 10, sphere: 1.0, reach: 12, average_positions: true },
+            field: FieldConfig {
+                width: 128,
+                depth: 4,
+                octaves: 3,
+                frequency: 2.0,
+                activation: Activation::Softplus { beta: 100.0 },
+                skip: None,
+                radius: 0.35,
+            },
+            bsp: BspConfig {
+                channels: 64,
+                heads: 4,
+                neighbours: 8,
+                patch: 10,
+                sphere: 1.0,
+                reach: 12,
+                average_positions: true,
+            },
             start: Start::Gauss { width: 0.5, regularity: 0.05, steps: 300 },
             target: Target::SurfaceAndCloud,
             deformation: Deformation::Projection,
-            weights: Weights { para: 10.0, deform: 1.0, surf: 0.01, eikonal: 0.01, laplacian: 0.0, points: 0.0, pull: 0.0, cover: 0.0 },
+            weights: Weights {
+                para: 10.0,
+                deform: 1.0,
+                surf: 0.01,
+                eikonal: 0.01,
+                laplacian: 0.0,
+                points: 0.0,
+                pull: 0.0,
+                cover: 0.0,
+            },
             stages: vec![Stage { resolution: 32, steps: 300 }],
             refresh: 5,
             rings: 1,

@@ -3,5 +3,5 @@
 mod config;
 mod step;
 
-pub use config::{Config, Preset, Start, Stage, Target, Weights};
+pub use config::{Config, Preset, Stage, Start, Target, Weights};
 pub use step::{StepReport, Trainer};

@@ -6,7 +6,8 @@ use crate::bsp::Bsp;
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{Field, FieldPass, GaussField, deform, fit_to_mesh};
 use crate::geometry::{
-    ActiveSet, BandTopology, Isosurface, KdTree, NarrowBandOptions, TetGrid, TriangleMesh, active_set, extract,
+    ActiveSet, BandTopology, Isosurface, KdTree, NarrowBandOptions, TetGrid, TriangleMesh, active_set,
+    extract,
 };
 use crate::loss::{Direction, eikonal, surface_term};
 use crate::nn::Bound;
@@ -71,18 +72,34 @@ impl Trainer {
             let options = NarrowBandOptions { seeds: &cloud, ..Default::default() };
             let mesh = keep_large(&extract(&grid, &mut eval, &options)?, 0.02);
             let off = fit_to_mesh(&mut field, &mut pass, &mesh, steps, 2e-3, config.seed)?;
-            if std::env::var("VERBOSE").is_ok() { eprintln!("start: mean distance {off}"); }
+            if std::env::var("VERBOSE").is_ok() {
+                eprintln!("start: mean distance {off}");
+            }
         }
         let adam_field = Adam::new(field.params().values(), AdamOptions::default());
         let adam_bsp = Adam::new(bsp.params().values(), AdamOptions::default());
         let total = config.stages.iter().map(|s| s.steps).sum();
         let mut t = Trainer {
-            config, cloud, field, bsp, adam_field, adam_bsp, pass, tape: Tape::new(), step: 0, total,
-            band: ActiveSet::default(), topology: BandTopology::default(), band_resolution: 0,
-            iso: Isosurface::default(), surface: Vec::new(),
+            config,
+            cloud,
+            field,
+            bsp,
+            adam_field,
+            adam_bsp,
+            pass,
+            tape: Tape::new(),
+            step: 0,
+            total,
+            band: ActiveSet::default(),
+            topology: BandTopology::default(),
+            band_resolution: 0,
+            iso: Isosurface::default(),
+            surface: Vec::new(),
         };
         if t.config.target != Target::Cloud {
-            for i in 0..t.config.bsp_pretrain { t.pretrain_bsp(i); }
+            for i in 0..t.config.bsp_pretrain {
+                t.pretrain_bsp(i);
+            }
         }
         Ok(t)
     }
@@ -100,11 +117,18 @@ impl Trainer {
         self.adam_bsp.step(self.bsp.params_mut().values_mut(), &gradients, rate);
     }
 
-    pub fn is_done(&self) -> bool { self.step >= self.total }
+    pub fn is_done(&self) -> bool {
+        self.step >= self.total
+    }
 
     fn resolution(&self) -> usize {
         let mut left = self.step;
-        for s in &self.config.stages { if left < s.steps { return s.resolution; } left -= s.steps; }
+        for s in &self.config.stages {
+            if left < s.steps {
+                return s.resolution;
+            }
+            left -= s.steps;
+        }
         self.config.stages.last().map_or(32, |s| s.resolution)
     }
 
@@ -142,7 +166,9 @@ impl Trainer {
         let vbar = tape.edge_crossing(moved, s, &self.iso.edges[..]);
         let q = tape.constant(Tensor::from_points(&self.cloud));
 
-        let train_bsp = self.config.target != Target::Cloud && self.config.bsp_every > 0 && self.step % self.config.bsp_every == 0;
+        let train_bsp = self.config.target != Target::Cloud
+            && self.config.bsp_every > 0
+            && self.step % self.config.bsp_every == 0;
         let mut bound = None;
         let surface = if self.config.target == Target::Cloud {
             None
@@ -161,17 +187,34 @@ impl Trainer {
             _ => q,
         };
         let drawn = if self.config.surface_samples > 0 {
-            sample_faces(tape, vbar, &self.iso.faces, self.config.surface_samples, self.config.seed, self.step)
+            sample_faces(
+                tape,
+                vbar,
+                &self.iso.faces,
+                self.config.surface_samples,
+                self.config.seed,
+                self.step,
+            )
         } else {
             vbar
         };
-        let mut report = StepReport { step: self.step, total: self.total, resolution, active_verts: v, surface_verts: self.iso.edges.len(), ..Default::default() };
+        let mut report = StepReport {
+            step: self.step,
+            total: self.total,
+            resolution,
+            active_verts: v,
+            surface_verts: self.iso.edges.len(),
+            ..Default::default()
+        };
         let mut loss = None;
         let mut add = |tape: &mut Tape, weight: f32, term: Var| -> f32 {
             let value = tape.value(term).item();
             if weight != 0.0 {
                 let scaled = tape.scale(term, weight);
-                loss = Some(match loss { Some(l) => tape.add(l, scaled), None => scaled });
+                loss = Some(match loss {
+                    Some(l) => tape.add(l, scaled),
+                    None => scaled,
+                });
             }
             value
         };
@@ -216,7 +259,11 @@ impl Trainer {
         let d_sdf = gradients.take(sdf_all).expect("depends");
         let d_gradient = gradients.take(gradient_all).unwrap_or_else(|| Tensor::zeros(&[v + n, 3]));
         let mut field_gradients = self.pass.backward(&d_sdf, &d_gradient);
-        report.gradient_norm = if self.config.clip > 0.0 { clip_norm(&mut field_gradients, self.config.clip) } else { gradient_norm(&field_gradients) };
+        report.gradient_norm = if self.config.clip > 0.0 {
+            clip_norm(&mut field_gradients, self.config.clip)
+        } else {
+            gradient_norm(&field_gradients)
+        };
         if !report.loss.is_finite() || !report.gradient_norm.is_finite() {
             return Err(Error::new(ErrorKind::Diverged, "diverged"));
         }
@@ -241,7 +288,9 @@ impl Trainer {
         Ok(keep_large(&extract(&grid, &mut eval, &options)?, 0.01))
     }
 
-    pub fn surface_points(&self) -> &[[f32; 3]] { &self.surface }
+    pub fn surface_points(&self) -> &[[f32; 3]] {
+        &self.surface
+    }
 }
 
 fn sample_faces(tape: &mut Tape, vbar: Var, faces: &[[u32; 3]], count: usize, seed: u64, step: usize) -> Var {
@@ -276,7 +325,10 @@ fn sample_faces(tape: &mut Tape, vbar: Var, faces: &[[u32; 3]], count: usize, se
         let corner = tape.gather_rows(vbar, index);
         let weight = tape.constant(Tensor::from_vec(&[count, 1], weight));
         let part = tape.mul(corner, weight);
-        out = Some(match out { Some(o) => tape.add(o, part), None => part });
+        out = Some(match out {
+            Some(o) => tape.add(o, part),
+            None => part,
+        });
     }
     out.expect("three corners")
 }
@@ -289,7 +341,8 @@ fn grid(resolution: usize) -> Result<TetGrid, Error> {
 pub(crate) fn keep_large(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
     let parts = mesh.split_components();
     let largest = parts.iter().map(|p| p.area).fold(0.0, f64::max);
-    let mut faces: Vec<u32> = parts.into_iter().filter(|p| p.area >= share * largest).flat_map(|p| p.faces).collect();
+    let mut faces: Vec<u32> =
+        parts.into_iter().filter(|p| p.area >= share * largest).flat_map(|p| p.faces).collect();
     faces.sort_unstable();
     mesh.select_faces(&faces)
 }

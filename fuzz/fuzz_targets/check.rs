@@ -1,0 +1,63 @@
+//! What must hold for any bytes: sound data or a typed error, and what was read can be written and read again.
+#![allow(dead_code)]
+
+use bijective_sdf::io::{Encoding, Format, read_cloud_bytes, read_mesh_bytes, write_cloud_to, write_mesh_to};
+use bijective_sdf::{Error, ErrorKind, geometry};
+
+/// Reads the bytes as a cloud.
+pub fn cloud(bytes: &[u8], format: Option<Format>) {
+    let cloud = match read_cloud_bytes(bytes, format) {
+        Ok(cloud) => cloud,
+        Err(e) => return check_error(&e),
+    };
+    assert!(cloud.points.as_flattened().iter().all(|x| x.is_finite()));
+    if let Err(e) = geometry::clean_cloud(&cloud.points) {
+        check_error(&e);
+    }
+    for (format, encoding) in [
+        (Format::Ply, Encoding::Binary),
+        (Format::Ply, Encoding::Ascii),
+        (Format::Xyz, Encoding::Ascii),
+        (Format::Csv, Encoding::Ascii),
+    ] {
+        let mut out = Vec::new();
+        write_cloud_to(&mut out, &cloud.points, format, encoding).expect("what was read can be written");
+        let again = read_cloud_bytes(&out, Some(format)).expect("what was written can be read");
+        assert_eq!(bits(&again.points), bits(&cloud.points));
+    }
+}
+
+/// Reads the bytes as a mesh.
+pub fn mesh(bytes: &[u8], format: Option<Format>) {
+    let mesh = match read_mesh_bytes(bytes, format) {
+        Ok(mesh) => mesh,
+        Err(e) => return check_error(&e),
+    };
+    assert!(mesh.verts.as_flattened().iter().all(|x| x.is_finite()));
+    assert!(mesh.faces.as_flattened().iter().all(|&i| (i as usize) < mesh.verts.len()));
+    for (format, encoding) in [
+        (Format::Ply, Encoding::Binary),
+        (Format::Ply, Encoding::Ascii),
+        (Format::Obj, Encoding::Ascii),
+        (Format::Stl, Encoding::Binary),
+        (Format::Stl, Encoding::Ascii),
+    ] {
+        let mut out = Vec::new();
+        write_mesh_to(&mut out, &mesh, format, encoding).expect("what was read can be written");
+        let again = read_mesh_bytes(&out, Some(format)).expect("what was written can be read");
+        assert_eq!(again.faces.len(), mesh.faces.len());
+        if format != Format::Stl {
+            assert_eq!(bits(&again.verts), bits(&mesh.verts));
+            assert_eq!(again.faces, mesh.faces);
+        }
+    }
+}
+
+fn check_error(e: &Error) {
+    assert!(matches!(e.kind(), ErrorKind::Format | ErrorKind::Data), "{e}");
+    assert!(!e.to_string().contains('\n'), "{e}");
+}
+
+fn bits(points: &[[f32; 3]]) -> Vec<[u32; 3]> {
+    points.iter().map(|p| p.map(f32::to_bits)).collect()
+}

@@ -1,0 +1,13 @@
+//! XYZ and CSV, and the guess of the format from the content.
+#![no_main]
+
+mod check;
+
+use bijective_sdf::io::Format;
+use libfuzzer_sys::fuzz_target;
+
+fuzz_target!(|bytes: &[u8]| {
+    check::cloud(bytes, Some(Format::Xyz));
+    check::cloud(bytes, None);
+    check::mesh(bytes, None);
+});

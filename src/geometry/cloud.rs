@@ -1,0 +1,188 @@
+//! Whether a point cloud can be reconstructed at all.
+
+use std::collections::HashSet;
+
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+
+use crate::{Error, ErrorKind};
+
+/// The smallest extent of a solid cloud against its largest.
+const FLAT: f64 = 1e-6;
+
+/// A cloud that passed [`clean_cloud`]: finite, distinct points that span three dimensions.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct CleanCloud {
+    /// The distinct points, n x 3, in their first order of appearance, to the bit as given.
+    pub points: Vec<[f32; 3]>,
+    /// How many points were left out because an earlier one lies at the same place.
+    pub duplicates_merged: usize,
+    /// The lengths of the cloud along its principal axes, largest first, in the points' unit.
+    pub extents: [f64; 3],
+}
+
+/// Merges exact duplicates of n x 3 `points` and refuses clouds that enclose nothing.
+///
+/// The cloud counts as flat if its extent along the smallest principal axis is below 1e-6 of the largest, or below
+/// what 32-bit rounding at the size of the coordinates produces by itself. The test moves and scales with the cloud.
+///
+/// # Errors
+///
+/// [`ErrorKind::Data`] for no points, a coordinate that is not finite (with the number of the point, from 0), fewer
+/// than 4 distinct points, or all points on one line or in one plane.
+pub fn clean_cloud(points: &[[f32; 3]]) -> Result<CleanCloud, Error> {
+    if points.is_empty() {
+        return Err(data("there are no points").advise("give at least 4 points, better a few hundred"));
+    }
+    if let Some(i) = points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
+        let [x, y, z] = points[i];
+        return Err(data(format!("({x}, {y}, {z}) is not finite"))
+            .at_element(format!("point {i}"))
+            .advise("remove or repair it (points are counted from 0)"));
+    }
+
+    let mut seen = HashSet::with_capacity(points.len());
+    // Adding 0 turns -0 into 0, so that points at the same place compare equal as bits.
+    let distinct: Vec<[f32; 3]> =
+        points.iter().copied().filter(|p| seen.insert(p.map(|x| (x + 0.0).to_bits()))).collect();
+    let n = distinct.len();
+    if n < 4 {
+        return Err(data(format!("{} points have only {n} distinct positions", points.len()))
+            .advise("give at least 4 distinct points, better a few hundred"));
+    }
+
+    let extents = principal_extents(&distinct);
+    let size = distinct.as_flattened().iter().fold(0.0_f32, |m, x| m.max(x.abs()));
+    // Each coordinate is off by at most half a step at `size`; both ends of an extent, in three axes, may add up.
+    let rounding = 2.0 * f64::from(f32::EPSILON) * f64::from(size);
+    let least = (FLAT * extents[0]).max(rounding);
+    if extents[2] < least {
+        let place = if extents[1] < least { "on one line" } else { "in one plane" };
+        return Err(data(format!(
+            "all {n} distinct points lie {place}: they extend {:.3e} x {:.3e} x {:.3e}",
+            extents[0], extents[1], extents[2]
+        ))
+        .advise(
+            "a closed surface needs points on all of its sides; if the coordinates carry a large common offset, \
+             subtract it before they are stored as 32-bit floats",
+        ));
+    }
+    Ok(CleanCloud { duplicates_merged: points.len() - n, points: distinct, extents })
+}
+
+/// The lengths of the cloud along the axes of its covariance, largest first.
+///
+/// Lengths, not standard deviations: a single point off the plane of a million others still counts in full. Points are
+/// taken from their mean in `f64`, so a large offset cancels exactly enough.
+fn principal_extents(points: &[[f32; 3]]) -> [f64; 3] {
+    let wide = |p: &[f32; 3]| Vector3::from(p.map(f64::from));
+    let count = points.len() as f64;
+    let mean = points.iter().map(wide).sum::<Vector3<f64>>() / count;
+    // Scaling by the largest coordinate keeps squares of tiny and huge clouds inside the range of `f64`.
+    let scale = points.iter().map(|p| (wide(p) - mean).amax()).fold(0.0, f64::max);
+    if scale == 0.0 {
+        return [0.0; 3];
+    }
+    let covariance = points.iter().fold(Matrix3::zeros(), |sum, p| {
+        let d = (wide(p) - mean) / scale;
+        sum + d * d.transpose()
+    }) / count;
+    let axes = SymmetricEigen::new(covariance).eigenvectors;
+    let mut extents = [0, 1, 2].map(|a| {
+        let axis = axes.column(a);
+        let (low, high) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
+            let at = axis.dot(&(wide(p) - mean));
+            (low.min(at), high.max(at))
+        });
+        high - low
+    });
+    extents.sort_by(|a, b| b.total_cmp(a));
+    extents
+}
+
+fn data(message: impl Into<String>) -> Error {
+    Error::new(ErrorKind::Data, message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const CORNERS: [[f32; 3]; 4] = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+
+    fn message(points: &[[f32; 3]]) -> String {
+        let e = clean_cloud(points).unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::Data);
+        assert!(e.advice().is_some());
+        e.to_string()
+    }
+
+    #[test]
+    fn duplicates_merge_and_the_first_order_stays() {
+        let [a, b, c, d] = CORNERS;
+        let clean = clean_cloud(&[d, a, d, b, [-0.0, 0.0, -0.0], c, b, d]).unwrap();
+        assert_eq!(clean.points, [d, a, b, c]);
+        assert_eq!(clean.duplicates_merged, 4);
+        assert!(clean.extents[0] >= clean.extents[2] && clean.extents[2] > 0.1);
+    }
+
+    #[test]
+    fn small_clouds_of_every_size_are_judged() {
+        assert!(message(&[]).contains("no points"));
+        for n in 1..12 {
+            assert!(message(&vec![[1e6, -1.0, 3.0]; n]).contains("only 1 distinct"));
+            let line: Vec<[f32; 3]> = (0..n).map(|i| [i as f32, 2.0 * i as f32, 5.0]).collect();
+            let text = message(&line);
+            assert!(text.contains(if n < 4 { "distinct" } else { "on one line" }), "{text}");
+        }
+        for n in 1..12_usize {
+            let cloud: Vec<[f32; 3]> = CORNERS.iter().copied().cycle().take(n).collect();
+            assert_eq!(clean_cloud(&cloud).is_ok(), n >= 4);
+        }
+        let mut bad = CORNERS;
+        bad[2][1] = f32::NEG_INFINITY;
+        assert!(message(&bad).contains("point 2: (0, -inf, 0) is not finite"));
+    }
+
+    #[test]
+    fn extremes_of_f32_neither_overflow_nor_vanish() {
+        for scale in [f32::MAX, 1e30, 1e-30, 1e-40] {
+            assert!(clean_cloud(&CORNERS.map(|p| p.map(|x| x * scale))).is_ok(), "{scale:e}");
+        }
+    }
+
+    #[test]
+    fn one_point_off_the_plane_of_many_is_enough() {
+        let mut cloud: Vec<[f32; 3]> =
+            (0..10_000).map(|i| [(i % 100) as f32, (i / 100) as f32, 0.0]).collect();
+        assert!(message(&cloud).contains("in one plane"));
+        cloud.push([50.0, 50.0, 0.01]);
+        assert!(clean_cloud(&cloud).is_ok());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// A tilted plane rounded to f32 is found at any offset and scale; the same cloud with depth is accepted.
+        #[test]
+        fn planes_are_found_wherever_they_lie(
+            flat in prop::collection::vec((-1.0..1.0_f64, -1.0..1.0_f64), 12..40),
+            (p, q) in (0.0..3.0_f64, 0.0..3.0_f64),
+            offset in prop::array::uniform3(-1000.0..1000.0_f64),
+            scale in 1e-3..1e3_f64,
+        ) {
+            let u = [p.cos(), p.sin() * q.cos(), p.sin() * q.sin()];
+            let v = [-p.sin(), p.cos() * q.cos(), p.cos() * q.sin()];
+            let w = [0.0, -q.sin(), q.cos()];
+            let place = |depth: f64| -> Vec<[f32; 3]> {
+                flat.iter().enumerate().map(|(i, &(s, t))| {
+                    let d = depth * [0.0, 1.0, -1.0][i % 3];
+                    [0, 1, 2].map(|a| ((s * u[a] + t * v[a] + d * w[a] + offset[a]) * scale) as f32)
+                }).collect()
+            };
+            prop_assert!(clean_cloud(&place(0.0)).is_err());
+            prop_assert!(clean_cloud(&place(0.2)).is_ok());
+        }
+    }
+}

@@ -1,0 +1,188 @@
+//! The file formats and how one is chosen: by name, by extension, or by content.
+
+use std::fmt;
+use std::path::Path;
+use std::str::FromStr;
+
+use super::text::{Lines, float, words};
+use crate::{Error, ErrorKind};
+
+/// A file format of point clouds, meshes or both.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Format {
+    /// Polygon file format, text or binary of either byte order; clouds and meshes.
+    Ply,
+    /// Text with one point a line, columns separated by white space; clouds only.
+    Xyz,
+    /// Text with one point a line, columns separated by commas or semicolons; clouds only.
+    Csv,
+    /// Wavefront text; clouds (its `v` lines) and meshes.
+    Obj,
+    /// Stereolithography triangles, text or binary; meshes, or a cloud of their corners.
+    Stl,
+    /// A NumPy array with 3 or more columns; clouds only.
+    Npy,
+    /// Raw little-endian `f32` rows of x, y, z, intensity as in the KITTI laser scans; clouds only.
+    Kitti,
+}
+
+impl Format {
+    /// Every format, in the order in which messages list them.
+    pub const ALL: [Format; 7] =
+        [Format::Ply, Format::Xyz, Format::Csv, Format::Obj, Format::Stl, Format::Npy, Format::Kitti];
+
+    /// The name by which a user chooses it, in lower case.
+    pub fn name(self) -> &'static str {
+        match self {
+            Format::Ply => "ply",
+            Format::Xyz => "xyz",
+            Format::Csv => "csv",
+            Format::Obj => "obj",
+            Format::Stl => "stl",
+            Format::Npy => "npy",
+            Format::Kitti => "kitti",
+        }
+    }
+
+    /// The file name extensions that mean it, in lower case and without the dot.
+    pub fn extensions(self) -> &'static [&'static str] {
+        match self {
+            Format::Ply => &["ply"],
+            Format::Xyz => &["xyz", "txt", "pts", "asc"],
+            Format::Csv => &["csv"],
+            Format::Obj => &["obj"],
+            Format::Stl => &["stl"],
+            Format::Npy => &["npy"],
+            Format::Kitti => &["bin"],
+        }
+    }
+
+    /// The format that the extension of `path` means, in any letter case.
+    pub fn from_path(path: impl AsRef<Path>) -> Option<Format> {
+        let extension = path.as_ref().extension()?.to_str()?.to_ascii_lowercase();
+        Format::ALL.into_iter().find(|f| f.extensions().contains(&extension.as_str()))
+    }
+
+    /// The format that the first bytes of a file point to.
+    ///
+    /// KITTI rows carry no signature, so [`Format::Kitti`] is never guessed.
+    pub fn from_content(bytes: &[u8]) -> Option<Format> {
+        if bytes.starts_with(b"\x93NUMPY") {
+            return Some(Format::Npy);
+        }
+        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+            return Some(Format::Ply);
+        }
+        if super::stl::looks_like_stl(bytes) {
+            return Some(Format::Stl);
+        }
+        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+        from_text(&bytes[..bytes.len().min(4096)])
+    }
+
+    /// The supported formats with their extensions, for messages: `ply (.ply), xyz (.xyz .txt ...)`.
+    pub fn list() -> String {
+        let one = |f: Format| {
+            let extensions: Vec<String> = f.extensions().iter().map(|e| format!(".{e}")).collect();
+            format!("{} ({})", f.name(), extensions.join(" "))
+        };
+        Format::ALL.map(one).join(", ")
+    }
+}
+
+/// Tells OBJ, CSV and XYZ apart by the first lines that are neither comments nor column names.
+fn from_text(start: &[u8]) -> Option<Format> {
+    if start.iter().any(|&b| b < b' ' && !b"\t\n\r\x0c".contains(&b)) {
+        return None;
+    }
+    for (_, line) in Lines::new(start).take(64) {
+        let line = line.trim_ascii();
+        if line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") {
+            continue;
+        }
+        let first = words(line).next()?;
+        if [&b"v"[..], b"vn", b"vt", b"vp", b"f", b"o", b"g", b"mtllib", b"usemtl"].contains(&first) {
+            return Some(Format::Obj);
+        }
+        let field = line.split(|&b| b",; \t".contains(&b)).next()?;
+        if float(field).is_some() {
+            let commas = line.contains(&b',') || line.contains(&b';');
+            return Some(if commas { Format::Csv } else { Format::Xyz });
+        }
+    }
+    None
+}
+
+impl fmt::Display for Format {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Format {
+    type Err = Error;
+
+    /// The format of this name or extension, in any letter case.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Format`] for an unknown name; the advice lists the supported ones.
+    fn from_str(name: &str) -> Result<Format, Error> {
+        let wanted = name.trim_start_matches('.').to_ascii_lowercase();
+        Format::ALL
+            .into_iter()
+            .find(|f| f.name() == wanted || f.extensions().contains(&wanted.as_str()))
+            .ok_or_else(|| {
+                Error::new(ErrorKind::Format, format!("unknown file format {name:?}"))
+                    .advise(format!("supported are {}", Format::list()))
+            })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_and_extensions_lead_back_to_the_format() {
+        for format in Format::ALL {
+            assert_eq!(format.name().parse::<Format>().unwrap(), format);
+            assert_eq!(format.to_string().to_uppercase().parse::<Format>().unwrap(), format);
+            for extension in format.extensions() {
+                assert_eq!(Format::from_path(format!("a.b/c.{extension}")), Some(format));
+                assert_eq!(Format::from_path(format!("C.{}", extension.to_uppercase())), Some(format));
+                assert_eq!(format!(".{extension}").parse::<Format>().unwrap(), format);
+            }
+        }
+        assert_eq!(Format::from_path("cloud"), None);
+        assert_eq!(Format::from_path("cloud.las"), None);
+        let e = "las".parse::<Format>().unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::Format);
+        for format in Format::ALL {
+            assert!(e.to_string().contains(format.name()), "{e}");
+        }
+    }
+
+    #[test]
+    fn content_tells_the_format() {
+        let cases: [(&[u8], Option<Format>); 13] = [
+            (b"ply\nformat ascii 1.0\n", Some(Format::Ply)),
+            (b"ply\r\nformat ascii 1.0\r\n", Some(Format::Ply)),
+            (b"\x93NUMPY\x01\x00", Some(Format::Npy)),
+            (b"solid a b c\nfacet normal 0 0 1\n", Some(Format::Stl)),
+            (b"# made by hand\n\nv 0 0 0\n", Some(Format::Obj)),
+            (b"mtllib a.mtl\nv 0 0 0\n", Some(Format::Obj)),
+            (b"0.5 1 2\n", Some(Format::Xyz)),
+            (b"\xef\xbb\xbf3\r\n0.5\t1\t2\r\n", Some(Format::Xyz)),
+            (b"x,y,z\n1,2,3\n", Some(Format::Csv)),
+            (b"1; 2; 3\n", Some(Format::Csv)),
+            (b"plywood 1 2\n", None),
+            (b"\x00\x01\x02\x03\x04\x05", None),
+            (b"", None),
+        ];
+        for (bytes, format) in cases {
+            assert_eq!(Format::from_content(bytes), format, "{:?}", String::from_utf8_lossy(bytes));
+        }
+    }
+}

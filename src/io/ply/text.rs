@@ -1,0 +1,110 @@
+//! Text elements, one a line.
+
+use ply_rs::ply::{ElementDef, PropertyType};
+
+use super::super::text::{Lines, float, integer, not_a_number, show, words};
+use super::super::{Loaded, Want, check_point, push_fan};
+use super::header::Header;
+use super::{CORNERS, cut_short, wanted};
+use crate::{Error, ErrorKind};
+
+/// Reads the elements up to the last one of interest.
+pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded) -> Result<(), Error> {
+    let mut lines = Lines::after(body, header.lines);
+    let mut polygon = Vec::new();
+    for (at, def) in header.elements.iter().enumerate() {
+        if !wanted(&header.elements[at..], want) {
+            break;
+        }
+        match def.name.as_str() {
+            "vertex" => loaded.verts.reserve_exact(def.count),
+            "face" if want == Want::Mesh => loaded.faces.reserve(def.count.min(body.len() / 4)),
+            _ => {}
+        }
+        for i in 0..def.count {
+            // Blank lines are no elements.
+            let Some((number, line)) = lines.find(|(_, line)| !line.trim_ascii().is_empty()) else {
+                return Err(cut_short(def, i));
+            };
+            let located = |e: Error| e.at_line(number).at_element(format!("{} {i}", def.name));
+            match def.name.as_str() {
+                "vertex" => {
+                    let point = vertex_of(line, def).map_err(located)?;
+                    check_point(point, "vertex", i).map_err(|e| e.at_line(number))?;
+                    loaded.verts.push(point);
+                }
+                "face" if want == Want::Mesh => {
+                    polygon_of(line, def, &mut polygon).map_err(located)?;
+                    push_fan(&mut loaded.faces, &polygon).map_err(located)?;
+                }
+                _ => {}
+            }
+        }
+    }
+    Ok(())
+}
+
+/// x, y, z from the line of a vertex.
+fn vertex_of(line: &[u8], def: &ElementDef) -> Result<[f32; 3], Error> {
+    let mut point = [0.0; 3];
+    each_property(line, def, |name, values| {
+        if let Some(axis) = ["x", "y", "z"].iter().position(|a| *a == name) {
+            point[axis] = float(values[0]).ok_or_else(|| not_a_number(values[0]))?;
+        }
+        Ok(())
+    })?;
+    Ok(point)
+}
+
+/// The corner list from the line of a face.
+fn polygon_of(line: &[u8], def: &ElementDef, polygon: &mut Vec<i64>) -> Result<(), Error> {
+    polygon.clear();
+    each_property(line, def, |name, values| {
+        if CORNERS.contains(&name) {
+            for &value in values {
+                polygon.push(integer(value).ok_or_else(|| {
+                    Error::new(ErrorKind::Format, format!("{} is not a vertex index", show(value)))
+                        .advise("export the mesh again")
+                })?);
+            }
+        }
+        Ok(())
+    })
+}
+
+/// Deals the words of a line out to the properties of its element: one to a number, a count and its items to a list.
+fn each_property<'a>(
+    line: &'a [u8],
+    def: &ElementDef,
+    mut take: impl FnMut(&str, &[&'a [u8]]) -> Result<(), Error>,
+) -> Result<(), Error> {
+    let mut parts = words(line);
+    let missing = |name: &str| {
+        Error::new(ErrorKind::Format, format!("the line ends before property {name}"))
+            .advise("complete the line or export the file again")
+    };
+    for (name, property) in &def.properties {
+        let first = parts.next().ok_or_else(|| missing(name))?;
+        match property.data_type {
+            PropertyType::Scalar(_) => take(name, &[first])?,
+            PropertyType::List(..) => {
+                let count = integer(first).and_then(|n| u64::try_from(n).ok()).ok_or_else(|| {
+                    Error::new(ErrorKind::Format, format!("{} is not the length of a list", show(first)))
+                        .advise("export the file again")
+                })?;
+                // Only as many words as the line really has can be collected, whatever the count says.
+                let values: Vec<&[u8]> =
+                    parts.by_ref().take(usize::try_from(count).unwrap_or(usize::MAX)).collect();
+                if (values.len() as u64) < count {
+                    return Err(missing(name));
+                }
+                take(name, &values)?;
+            }
+        }
+    }
+    match parts.count() {
+        0 => Ok(()),
+        extra => Err(Error::new(ErrorKind::Format, format!("{extra} words too many on the line"))
+            .advise("one element a line is expected, with the properties of the header")),
+    }
+}

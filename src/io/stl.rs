@@ -1,0 +1,266 @@
+//! STL, text and binary. The file repeats each corner's position; equal positions become one vertex.
+
+use std::collections::HashMap;
+use std::io::{self, Write};
+
+use super::text::{Lines, show, three_floats, words, write_floats};
+use super::{Loaded, check_point};
+use crate::geometry::TriangleMesh;
+use crate::{Error, ErrorKind};
+
+const HEADER: usize = 84;
+const ROW: usize = 50;
+
+/// Whether the bytes have the exact size that a binary STL names, or begin like a text one.
+pub(super) fn looks_like_stl(bytes: &[u8]) -> bool {
+    size_fits(bytes) || starts_with_solid(bytes)
+}
+
+/// Reads f x 3 triangles and merges equal positions into v x 3 vertices.
+pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
+    // Some binary files also begin with `solid`, so the size is asked first.
+    if !size_fits(bytes) && starts_with_solid(bytes) { read_ascii(bytes) } else { read_binary(bytes) }
+}
+
+/// Writes binary little-endian triangles with unit normals, or zero normals where a triangle has no area.
+pub(super) fn write_binary(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+    let mut header = [b' '; HEADER];
+    header[..13].copy_from_slice(b"bijective-sdf");
+    header[80..].copy_from_slice(&(mesh.faces.len() as u32).to_le_bytes());
+    out.write_all(&header)?;
+    for face in &mesh.faces {
+        let corners = face.map(|i| mesh.verts[i as usize]);
+        let mut row = [0; ROW];
+        let numbers = [normal(corners), corners[0], corners[1], corners[2]];
+        for (to, x) in row.as_chunks_mut::<4>().0.iter_mut().zip(numbers.as_flattened()) {
+            *to = x.to_le_bytes();
+        }
+        out.write_all(&row)?;
+    }
+    Ok(())
+}
+
+/// Writes text triangles with unit normals, or zero normals where a triangle has no area.
+pub(super) fn write_ascii(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+    out.write_all(b"solid bijective-sdf\n")?;
+    for face in &mesh.faces {
+        let corners = face.map(|i| mesh.verts[i as usize]);
+        out.write_all(b"facet normal ")?;
+        write_floats(out, normal(corners), " ")?;
+        out.write_all(b"\nouter loop\n")?;
+        for corner in corners {
+            out.write_all(b"vertex ")?;
+            write_floats(out, corner, " ")?;
+            out.write_all(b"\n")?;
+        }
+        out.write_all(b"endloop\nendfacet\n")?;
+    }
+    out.write_all(b"endsolid bijective-sdf\n")
+}
+
+fn count(bytes: &[u8]) -> Option<u64> {
+    let count = bytes.get(80..HEADER)?;
+    Some(u64::from(u32::from_le_bytes([count[0], count[1], count[2], count[3]])))
+}
+
+fn size_fits(bytes: &[u8]) -> bool {
+    count(bytes).is_some_and(|n| n > 0 && (HEADER as u64 + n * ROW as u64) == bytes.len() as u64)
+}
+
+fn starts_with_solid(bytes: &[u8]) -> bool {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes).trim_ascii_start();
+    bytes.len() >= 5
+        && bytes[..5].eq_ignore_ascii_case(b"solid")
+        && bytes.get(5).is_none_or(u8::is_ascii_whitespace)
+}
+
+fn read_binary(bytes: &[u8]) -> Result<Loaded, Error> {
+    let Some(n) = count(bytes) else {
+        return Err(Error::new(
+            ErrorKind::Format,
+            format!("truncated: a binary STL begins with {HEADER} bytes, {} are there", bytes.len()),
+        )
+        .advise("fetch the file again; a text STL begins with the word solid"));
+    };
+    let rows = &bytes[HEADER..];
+    if n * ROW as u64 > rows.len() as u64 {
+        return Err(Error::new(
+            ErrorKind::Format,
+            format!("truncated: {n} triangles promised, {} are there", rows.len() / ROW),
+        )
+        .advise("fetch the file again; a text STL begins with the word solid"));
+    }
+    let mut corners = Corners::default();
+    let rows = &rows.as_chunks::<ROW>().0[..n as usize];
+    for (i, row) in rows.iter().enumerate() {
+        let number = |at: usize| f32::from_le_bytes([row[at], row[at + 1], row[at + 2], row[at + 3]]);
+        let mut face = [0; 3];
+        for (corner, index) in face.iter_mut().enumerate() {
+            let at = 12 + 12 * corner;
+            let point = [number(at), number(at + 4), number(at + 8)];
+            check_point(point, "triangle", i)?;
+            *index = corners.add(point)?;
+        }
+        corners.loaded.faces.push(face);
+    }
+    let extra = bytes.len() - HEADER - rows.len() * ROW;
+    if extra > 0 {
+        corners.loaded.notices.push(format!("ignored {extra} bytes behind the last triangle"));
+    }
+    Ok(corners.loaded)
+}
+
+fn read_ascii(bytes: &[u8]) -> Result<Loaded, Error> {
+    let mut corners = Corners::default();
+    let mut face: Vec<u32> = Vec::with_capacity(4);
+    let mut closed = false;
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    for (number, line) in Lines::new(bytes) {
+        let triangle = corners.loaded.faces.len();
+        let at = |e: Error| e.at_line(number).at_element(format!("triangle {triangle}"));
+        let mut parts = words(line);
+        let Some(keyword) = parts.next() else { continue };
+        let open = !face.is_empty();
+        match keyword.to_ascii_lowercase().as_slice() {
+            b"vertex" => {
+                let point = three_floats(parts).map_err(at)?;
+                check_point(point, "triangle", triangle).map_err(|e| e.at_line(number))?;
+                face.push(corners.add(point)?);
+            }
+            b"endloop" => {
+                let &[a, b, c] = face.as_slice() else {
+                    return Err(at(Error::new(
+                        ErrorKind::Format,
+                        format!("3 vertices expected, {} found", face.len()),
+                    )
+                    .advise("the file is damaged; export it again")));
+                };
+                corners.loaded.faces.push([a, b, c]);
+                face.clear();
+            }
+            b"endsolid" if !open => closed = true,
+            b"solid" if !open => closed = false,
+            b"facet" | b"outer" | b"endfacet" if !open => {}
+            other => {
+                return Err(at(Error::new(ErrorKind::Format, format!("{} is out of place", show(other)))
+                    .advise("the file is damaged; export it again")));
+            }
+        }
+    }
+    if !closed {
+        return Err(Error::new(
+            ErrorKind::Format,
+            format!(
+                "truncated: the text ends without endsolid after {} triangles",
+                corners.loaded.faces.len()
+            ),
+        )
+        .advise("fetch the file again"));
+    }
+    Ok(corners.loaded)
+}
+
+/// Numbers positions in the order of their first appearance.
+#[derive(Default)]
+struct Corners {
+    loaded: Loaded,
+    seen: HashMap<[u32; 3], u32>,
+}
+
+impl Corners {
+    fn add(&mut self, point: [f32; 3]) -> Result<u32, Error> {
+        let next = u32::try_from(self.loaded.verts.len())
+            .map_err(|_| Error::new(ErrorKind::Format, "more than 4294967296 vertices"))?;
+        // Adding 0 turns -0 into 0, so that the two compare equal as bits.
+        let index = *self.seen.entry(point.map(|x| (x + 0.0).to_bits())).or_insert(next);
+        if index == next {
+            self.loaded.verts.push(point);
+        }
+        Ok(index)
+    }
+}
+
+fn normal([a, b, c]: [[f32; 3]; 3]) -> [f32; 3] {
+    let minus = |p: [f32; 3], q: [f32; 3]| [0, 1, 2].map(|i| f64::from(p[i]) - f64::from(q[i]));
+    let (u, v) = (minus(b, a), minus(c, a));
+    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
+    if length > 0.0 { n.map(|x| (x / length) as f32) } else { [0.0; 3] }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn tetrahedron() -> TriangleMesh {
+        TriangleMesh {
+            verts: vec![[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]],
+            faces: vec![[0, 1, 2], [0, 2, 3], [2, 1, 3], [1, 0, 3]],
+        }
+    }
+
+    fn binary() -> Vec<u8> {
+        let mut out = Vec::new();
+        write_binary(&mut out, &tetrahedron()).unwrap();
+        out
+    }
+
+    #[test]
+    fn both_encodings_come_back_with_merged_vertices() {
+        let mut text = Vec::new();
+        write_ascii(&mut text, &tetrahedron()).unwrap();
+        for bytes in [binary(), text] {
+            let loaded = read(&bytes).unwrap();
+            assert_eq!(TriangleMesh { verts: loaded.verts, faces: loaded.faces }, tetrahedron());
+            assert!(looks_like_stl(&bytes));
+        }
+    }
+
+    #[test]
+    fn normals_are_unit_and_outward() {
+        let bytes = binary();
+        let row = |i: usize| &bytes[HEADER + ROW * i..][..12];
+        let down: Vec<u8> = [0.0_f32, 0.0, -1.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        assert_eq!(row(0), down);
+        assert_eq!(normal([[1.0; 3]; 3]), [0.0; 3]);
+    }
+
+    #[test]
+    fn a_binary_file_may_begin_with_solid_and_have_a_tail() {
+        let mut bytes = binary();
+        bytes[..6].copy_from_slice(b"solid ");
+        assert_eq!(read(&bytes).unwrap().faces.len(), 4);
+        let mut bytes = binary();
+        bytes.extend([0; 7]);
+        assert_eq!(read(&bytes).unwrap().notices, ["ignored 7 bytes behind the last triangle"]);
+    }
+
+    #[test]
+    fn zero_signs_do_not_split_vertices() {
+        let text =
+            b"SOLID x\nFACET NORMAL 0 0 0\nOUTER LOOP\nVERTEX 0 0 0\nvertex -0 0 -0\nvertex 1 0 0\nendloop\n\
+            endfacet\nendsolid\n";
+        assert_eq!(read(text).unwrap().faces, [[0, 0, 1]]);
+    }
+
+    #[test]
+    fn errors_name_the_place() {
+        let e = read(&binary()[..HEADER + ROW + 3]).map(|l| l.verts).unwrap_err();
+        assert!(e.to_string().contains("4 triangles promised, 1 are there"), "{e}");
+        let e = read(b"nothing").map(|l| l.verts).unwrap_err();
+        assert!(e.to_string().contains("84 bytes, 7 are there"), "{e}");
+        let cases: [(&str, Option<u64>, &str); 6] = [
+            ("solid\nfacet\nouter loop\nvertex 0 0\n", Some(4), "3 numbers expected, 2 found"),
+            ("solid\nouter loop\nvertex 0 0 nan\n", Some(3), "not a finite"),
+            ("solid\nouter loop\nvertex 0 0 1\nendloop\n", Some(4), "3 vertices expected, 1 found"),
+            ("solid\nouter loop\nvertex 0 0 1\nendsolid\n", Some(4), "\"endsolid\" is out of place"),
+            ("solid\nwhat\n", Some(2), "\"what\" is out of place"),
+            ("solid\nfacet\n", None, "ends without endsolid after 0 triangles"),
+        ];
+        for (text, line, message) in cases {
+            let e = read(text.as_bytes()).map(|l| l.verts).unwrap_err();
+            assert_eq!(e.line(), line, "{text}: {e}");
+            assert!(e.to_string().contains(message), "{text}: {e}");
+        }
+    }
+}

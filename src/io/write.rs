@@ -1,0 +1,245 @@
+//! Writing clouds and meshes: what is checked first, and which format does it.
+
+use std::io::{self, Write};
+use std::path::Path;
+
+use super::{Format, check_point, obj, ply, stl, write_atomic, xyz};
+use crate::geometry::TriangleMesh;
+use crate::{Error, ErrorKind};
+
+/// Whether numbers are written as bytes or as digits; both read back to the same bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Encoding {
+    /// Little-endian binary where the format has it, else text.
+    #[default]
+    Binary,
+    /// Text.
+    Ascii,
+}
+
+/// Writes a mesh in the format that the extension of `path` means: `ply` and `stl` in binary, `obj` as text.
+///
+/// The file appears whole or not at all, see [`write_atomic`].
+///
+/// # Errors
+///
+/// As [`write_mesh_as`]; [`ErrorKind::Format`] also if the extension means no format.
+pub fn write_mesh(path: impl AsRef<Path>, mesh: &TriangleMesh) -> Result<(), Error> {
+    let path = path.as_ref();
+    write_mesh_as(path, mesh, by_extension(path, "ply, obj, stl")?, Encoding::Binary)
+}
+
+/// Writes a mesh in a named format and encoding; the file appears whole or not at all.
+///
+/// # Errors
+///
+/// [`ErrorKind::Format`] for a format that holds no meshes, [`ErrorKind::Data`] for a mesh without faces, with an index
+/// out of range or a coordinate that is not finite, [`ErrorKind::Io`] if writing fails.
+pub fn write_mesh_as(
+    path: impl AsRef<Path>,
+    mesh: &TriangleMesh,
+    format: Format,
+    encoding: Encoding,
+) -> Result<(), Error> {
+    let path = path.as_ref();
+    check_mesh(mesh, format).map_err(|e| e.in_file(path))?;
+    write_atomic(path, |out| emit_mesh(out, mesh, format, encoding).map_err(failed))
+}
+
+/// Writes a mesh to any writer; nothing is written unless the mesh passes the checks. Give a buffered writer.
+///
+/// # Errors
+///
+/// As [`write_mesh_as`].
+pub fn write_mesh_to(
+    mut out: impl Write,
+    mesh: &TriangleMesh,
+    format: Format,
+    encoding: Encoding,
+) -> Result<(), Error> {
+    check_mesh(mesh, format)?;
+    emit_mesh(&mut out, mesh, format, encoding).and_then(|()| out.flush()).map_err(failed)
+}
+
+/// Writes points, n x 3, in the format that the extension of `path` means: `ply` in binary, `xyz` or `csv` as text.
+///
+/// # Errors
+///
+/// As [`write_cloud_as`]; [`ErrorKind::Format`] also if the extension means no format.
+pub fn write_cloud(path: impl AsRef<Path>, points: &[[f32; 3]]) -> Result<(), Error> {
+    let path = path.as_ref();
+    write_cloud_as(path, points, by_extension(path, "ply, xyz, csv")?, Encoding::Binary)
+}
+
+/// Writes points, n x 3, in a named format and encoding; the file appears whole or not at all.
+///
+/// # Errors
+///
+/// [`ErrorKind::Format`] for a format this crate does not write clouds in, [`ErrorKind::Data`] for no points or a
+/// coordinate that is not finite, [`ErrorKind::Io`] if writing fails.
+pub fn write_cloud_as(
+    path: impl AsRef<Path>,
+    points: &[[f32; 3]],
+    format: Format,
+    encoding: Encoding,
+) -> Result<(), Error> {
+    let path = path.as_ref();
+    check_cloud(points, format).map_err(|e| e.in_file(path))?;
+    write_atomic(path, |out| emit_cloud(out, points, format, encoding).map_err(failed))
+}
+
+/// Writes points, n x 3, to any writer; nothing is written unless they pass the checks. Give a buffered writer.
+///
+/// # Errors
+///
+/// As [`write_cloud_as`].
+pub fn write_cloud_to(
+    mut out: impl Write,
+    points: &[[f32; 3]],
+    format: Format,
+    encoding: Encoding,
+) -> Result<(), Error> {
+    check_cloud(points, format)?;
+    emit_cloud(&mut out, points, format, encoding).and_then(|()| out.flush()).map_err(failed)
+}
+
+fn emit_mesh(out: &mut dyn Write, mesh: &TriangleMesh, format: Format, encoding: Encoding) -> io::Result<()> {
+    match (format, encoding) {
+        (Format::Ply, _) => ply::write(out, &mesh.verts, Some(&mesh.faces), ply_encoding(encoding)),
+        (Format::Stl, Encoding::Binary) => stl::write_binary(out, mesh),
+        (Format::Stl, Encoding::Ascii) => stl::write_ascii(out, mesh),
+        (Format::Obj, _) => obj::write(out, mesh),
+        _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a mesh format")),
+    }
+}
+
+fn emit_cloud(
+    out: &mut dyn Write,
+    points: &[[f32; 3]],
+    format: Format,
+    encoding: Encoding,
+) -> io::Result<()> {
+    match format {
+        Format::Ply => ply::write(out, points, None, ply_encoding(encoding)),
+        Format::Xyz => xyz::write(out, points, " "),
+        Format::Csv => xyz::write(out, points, ","),
+        _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a cloud format")),
+    }
+}
+
+fn ply_encoding(encoding: Encoding) -> ply_rs::ply::Encoding {
+    match encoding {
+        Encoding::Binary => ply_rs::ply::Encoding::BinaryLittleEndian,
+        Encoding::Ascii => ply_rs::ply::Encoding::Ascii,
+    }
+}
+
+fn by_extension(path: &Path, writable: &str) -> Result<Format, Error> {
+    Format::from_path(path).ok_or_else(|| {
+        Error::new(ErrorKind::Format, "the file name's extension means no known format")
+            .in_file(path)
+            .advise(format!("name the file with one of {writable}"))
+    })
+}
+
+fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
+    if !matches!(format, Format::Ply | Format::Obj | Format::Stl) {
+        return Err(Error::new(ErrorKind::Format, format!("meshes are not written as {format}"))
+            .advise("choose one of ply, obj, stl"));
+    }
+    let (v, f) = (mesh.verts.len(), mesh.faces.len());
+    if f == 0 {
+        return Err(Error::new(ErrorKind::Data, "the mesh has no faces, so there is nothing to write"));
+    }
+    // PLY face lists are signed and STL counts its triangles in 32 bits.
+    if v > i32::MAX as usize || f > u32::MAX as usize {
+        return Err(Error::new(
+            ErrorKind::Data,
+            format!("{v} vertices and {f} faces are too many for {format}"),
+        )
+        .advise("write the mesh in parts"));
+    }
+    for (i, &p) in mesh.verts.iter().enumerate() {
+        check_point(p, "vertex", i)?;
+    }
+    if let Some(i) = mesh.faces.iter().position(|face| face.iter().any(|&c| c as usize >= v)) {
+        return Err(Error::new(
+            ErrorKind::Data,
+            format!("{:?} names a vertex beyond the {v} vertices", mesh.faces[i]),
+        )
+        .at_element(format!("face {i}")));
+    }
+    Ok(())
+}
+
+fn check_cloud(points: &[[f32; 3]], format: Format) -> Result<(), Error> {
+    if !matches!(format, Format::Ply | Format::Xyz | Format::Csv) {
+        return Err(Error::new(ErrorKind::Format, format!("point clouds are not written as {format}"))
+            .advise("choose one of ply, xyz, csv"));
+    }
+    if points.is_empty() {
+        return Err(Error::new(ErrorKind::Data, "there are no points to write"));
+    }
+    points.iter().enumerate().try_for_each(|(i, &p)| check_point(p, "point", i))
+}
+
+fn failed(e: io::Error) -> Error {
+    Error::new(ErrorKind::Io, "writing failed").caused_by(e)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn mesh() -> TriangleMesh {
+        TriangleMesh { verts: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], faces: vec![[0, 1, 2]] }
+    }
+
+    #[test]
+    fn refuses_what_it_cannot_write_before_writing() {
+        let good = mesh();
+        let mut far = mesh();
+        far.faces[0][2] = 3;
+        let mut nan = mesh();
+        nan.verts[1][2] = f32::NAN;
+        let bare = TriangleMesh { faces: vec![], ..mesh() };
+        let cases = [
+            (&good, Format::Xyz, ErrorKind::Format, "meshes are not written as xyz"),
+            (&far, Format::Ply, ErrorKind::Data, "beyond the 3 vertices"),
+            (&nan, Format::Obj, ErrorKind::Data, "vertex 1: z is NaN"),
+            (&bare, Format::Stl, ErrorKind::Data, "no faces"),
+        ];
+        for (mesh, format, kind, message) in cases {
+            let mut out = Vec::new();
+            let e = write_mesh_to(&mut out, mesh, format, Encoding::Binary).unwrap_err();
+            assert_eq!(e.kind(), kind, "{e}");
+            assert!(e.to_string().contains(message), "{e}");
+            assert!(out.is_empty());
+        }
+        let mut out = Vec::new();
+        let e = write_cloud_to(&mut out, &[[0.0; 3]], Format::Npy, Encoding::Binary).unwrap_err();
+        assert!(e.to_string().contains("choose one of ply, xyz, csv"), "{e}");
+        let e = write_cloud_to(&mut out, &[], Format::Ply, Encoding::Binary).unwrap_err();
+        assert_eq!(e.kind(), ErrorKind::Data);
+        let e = write_mesh("mesh.las", &good).unwrap_err();
+        assert!(e.to_string().contains("ply, obj, stl"), "{e}");
+    }
+
+    #[test]
+    fn a_writer_that_fails_gives_an_io_error() {
+        struct Full;
+        impl Write for Full {
+            fn write(&mut self, _: &[u8]) -> io::Result<usize> {
+                Err(io::Error::other("disk full"))
+            }
+            fn flush(&mut self) -> io::Result<()> {
+                Ok(())
+            }
+        }
+        for format in [Format::Ply, Format::Obj, Format::Stl] {
+            let e = write_mesh_to(Full, &mesh(), format, Encoding::Binary).unwrap_err();
+            assert_eq!(e.kind(), ErrorKind::Io);
+            assert!(e.to_string().contains("disk full"), "{e}");
+        }
+    }
+}
