@@ -3,13 +3,16 @@
 mod checkpoint;
 mod config;
 mod model;
+mod objective;
 mod options;
 mod preset;
 mod run;
 mod step;
+mod trainer;
 
 pub use config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights};
 pub use model::Reconstruction;
 pub use preset::Preset;
 pub use run::{Event, reconstruct};
-pub use step::{StepReport, Trainer};
+pub use step::StepReport;
+pub use trainer::Trainer;
