@@ -40,6 +40,14 @@ pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, 
     })
 }
 
+/// The field as its initial weights make it.
+pub(super) fn blank_field(config: &Config, rng: &mut ChaCha8Rng) -> Field {
+    match config.deformation {
+        Deformation::Offset => Field::with_offset(config.field, rng),
+        _ => Field::new(config.field, rng),
+    }
+}
+
 /// Parameters with their optimiser.
 #[derive(Clone, Debug)]
 pub(super) struct Learned {
@@ -109,11 +117,7 @@ impl Trainer {
         let Prepared { config, input, normalizer, .. } = prepared;
         let cloud = normalizer.forward(&input);
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-        let field = if config.deformation == Deformation::Offset {
-            Field::with_offset(config.field, &mut rng)
-        } else {
-            Field::new(config.field, &mut rng)
-        };
+        let field = blank_field(&config, &mut rng);
         let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
         let blocks = map.as_ref().map_or_else(Vec::new, |m| m.blocks(&cloud, config.batch.centres));
         let adam = |params: &Params| Adam::new(params.values(), AdamOptions::default());
