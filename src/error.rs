@@ -30,7 +30,11 @@ pub enum ErrorKind {
 /// The fields are private so that more positions can be added without breaking users. `Display` prints one line:
 /// `file:line: element: message; advice`.
 #[derive(Debug)]
-pub struct Error {
+pub struct Error(Box<Parts>);
+
+/// Boxed, so that a `Result` stays small where nothing goes wrong.
+#[derive(Debug)]
+struct Parts {
     kind: ErrorKind,
     message: String,
     file: Option<PathBuf>,
@@ -43,7 +47,7 @@ pub struct Error {
 impl Error {
     /// An error of `kind` that says what is wrong.
     pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
-        Error {
+        Error(Box::new(Parts {
             kind,
             message: message.into(),
             file: None,
@@ -51,34 +55,34 @@ impl Error {
             element: None,
             advice: None,
             source: None,
-        }
+        }))
     }
 
     /// Adds the file it happened in.
     #[must_use]
     pub fn in_file(mut self, file: impl AsRef<Path>) -> Self {
-        self.file = Some(file.as_ref().to_path_buf());
+        self.0.file = Some(file.as_ref().to_path_buf());
         self
     }
 
     /// Adds the line it happened at, counted from 1.
     #[must_use]
     pub fn at_line(mut self, line: u64) -> Self {
-        self.line = Some(line);
+        self.0.line = Some(line);
         self
     }
 
     /// Adds the element it happened at, such as `vertex 17` or `option grid.resolution`.
     #[must_use]
     pub fn at_element(mut self, element: impl Into<String>) -> Self {
-        self.element = Some(element.into());
+        self.0.element = Some(element.into());
         self
     }
 
     /// Adds what the user can do about it.
     #[must_use]
     pub fn advise(mut self, advice: impl Into<String>) -> Self {
-        self.advice = Some(advice.into());
+        self.0.advice = Some(advice.into());
         self
     }
 
@@ -88,60 +92,60 @@ impl Error {
         mut self,
         source: impl Into<Box<dyn std::error::Error + Send + Sync + 'static>>,
     ) -> Self {
-        self.source = Some(source.into());
+        self.0.source = Some(source.into());
         self
     }
 
     /// What sort of failure this is.
     pub fn kind(&self) -> ErrorKind {
-        self.kind
+        self.0.kind
     }
 
     /// What went wrong, without position and advice.
     pub fn message(&self) -> &str {
-        &self.message
+        &self.0.message
     }
 
     /// The file it happened in, if one is known.
     pub fn file(&self) -> Option<&Path> {
-        self.file.as_deref()
+        self.0.file.as_deref()
     }
 
     /// The line it happened at, counted from 1, if one is known.
     pub fn line(&self) -> Option<u64> {
-        self.line
+        self.0.line
     }
 
     /// The element it happened at, such as `vertex 17`, if one is known.
     pub fn element(&self) -> Option<&str> {
-        self.element.as_deref()
+        self.0.element.as_deref()
     }
 
     /// What the user can do about it, if anything is known to help.
     pub fn advice(&self) -> Option<&str> {
-        self.advice.as_deref()
+        self.0.advice.as_deref()
     }
 }
 
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        if let Some(file) = &self.file {
+        if let Some(file) = &self.0.file {
             write!(f, "{}", file.display())?;
-            if let Some(line) = self.line {
+            if let Some(line) = self.0.line {
                 write!(f, ":{line}")?;
             }
             write!(f, ": ")?;
-        } else if let Some(line) = self.line {
+        } else if let Some(line) = self.0.line {
             write!(f, "line {line}: ")?;
         }
-        if let Some(element) = &self.element {
+        if let Some(element) = &self.0.element {
             write!(f, "{element}: ")?;
         }
-        write!(f, "{}", self.message)?;
-        if let Some(source) = &self.source {
+        write!(f, "{}", self.0.message)?;
+        if let Some(source) = &self.0.source {
             write!(f, " ({source})")?;
         }
-        if let Some(advice) = &self.advice {
+        if let Some(advice) = &self.0.advice {
             write!(f, "; {advice}")?;
         }
         Ok(())
@@ -150,7 +154,7 @@ impl fmt::Display for Error {
 
 impl std::error::Error for Error {
     fn source(&self) -> Option<&(dyn std::error::Error + 'static)> {
-        self.source.as_ref().map(|e| &**e as &(dyn std::error::Error + 'static))
+        self.0.source.as_ref().map(|e| &**e as &(dyn std::error::Error + 'static))
     }
 }
 

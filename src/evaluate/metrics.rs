@@ -1,0 +1,306 @@
+//! Distances, normal consistency and F-scores between two surfaces.
+
+use crate::geometry::{KdTree, TriangleBvh};
+
+/// Points with or without unit normals.
+#[derive(Clone, Copy, Debug)]
+pub struct Samples<'a> {
+    /// Positions, n x 3.
+    pub points: &'a [[f32; 3]],
+    /// Unit normals, n x 3; their sign does not matter.
+    pub normals: Option<&'a [[f32; 3]]>,
+}
+
+impl<'a> Samples<'a> {
+    /// Samples from positions (n x 3) and, if known, unit normals (n x 3).
+    ///
+    /// # Panics
+    /// If there are no points or if the two lists differ in length.
+    #[track_caller]
+    pub fn new(points: &'a [[f32; 3]], normals: Option<&'a [[f32; 3]]>) -> Self {
+        assert!(!points.is_empty(), "Samples::new: no points");
+        if let Some(n) = normals {
+            assert!(n.len() == points.len(), "Samples::new: {} points, {} normals", points.len(), n.len());
+        }
+        Samples { points, normals }
+    }
+}
+
+/// What is measured from one set of samples to the other surface. Distances in the frame's units.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Directed {
+    /// Mean distance.
+    pub mean: f64,
+    /// Mean squared distance.
+    pub mean_sq: f64,
+    /// Largest distance.
+    pub max: f64,
+    /// Mean `|n . n'|` between a sample's normal and that at its nearest neighbour, if both sides have normals.
+    pub normal: Option<f64>,
+    /// Mean `|n_x n'_x| + |n_y n'_y| + |n_z n'_z|`, see [`Metrics::nc_ntps`].
+    pub normal_ntps: Option<f64>,
+    /// Fraction of the samples nearer than half, once and twice the threshold.
+    pub within: [f64; 3],
+}
+
+/// Precision, recall and their harmonic mean at one threshold, each from 0 to 1.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FScore {
+    /// The threshold, in the frame's units.
+    pub tau: f64,
+    /// Fraction of the prediction nearer than `tau` to the ground truth.
+    pub precision: f64,
+    /// Fraction of the ground truth nearer than `tau` to the prediction.
+    pub recall: f64,
+    /// `2 precision recall / (precision + recall)`, 0 if both are 0.
+    pub f: f64,
+}
+
+/// The comparison of a prediction with a ground truth, in both directions.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Metrics {
+    /// From the prediction to the ground truth (accuracy).
+    pub to_gt: Directed,
+    /// From the ground truth to the prediction (completeness).
+    pub to_pred: Directed,
+    /// The threshold of the F-score, in the frame's units.
+    pub tau: f64,
+}
+
+impl Metrics {
+    /// Mean distance from the prediction to the ground truth.
+    pub fn acc(&self) -> f64 {
+        self.to_gt.mean
+    }
+
+    /// Mean distance from the ground truth to the prediction.
+    pub fn comp(&self) -> f64 {
+        self.to_pred.mean
+    }
+
+    /// `(acc + comp) / 2`. Tables of the literature print 10 times this, in a unit-cube frame.
+    pub fn cd_l1(&self) -> f64 {
+        0.5 * (self.to_gt.mean + self.to_pred.mean)
+    }
+
+    /// Half the sum of the two mean squared distances. Tables of the literature print 100 times this.
+    pub fn cd_l2(&self) -> f64 {
+        0.5 * (self.to_gt.mean_sq + self.to_pred.mean_sq)
+    }
+
+    /// Hausdorff distance: the largest distance in either direction.
+    pub fn hd(&self) -> f64 {
+        self.to_gt.max.max(self.to_pred.max)
+    }
+
+    /// Normal consistency: the mean of `|n . n'|` over both directions, halved. 1 is best; random normals score 0.5.
+    pub fn nc(&self) -> Option<f64> {
+        Some(0.5 * (self.to_gt.normal? + self.to_pred.normal?))
+    }
+
+    /// Normal consistency as some published code computes it, with the absolute value of each product of components
+    /// before the sum. Random normals score 0.75. Only for comparison with tables made that way.
+    pub fn nc_ntps(&self) -> Option<f64> {
+        Some(0.5 * (self.to_gt.normal_ntps? + self.to_pred.normal_ntps?))
+    }
+
+    /// The F-score at the threshold.
+    pub fn fscore(&self) -> FScore {
+        self.fscores()[1]
+    }
+
+    /// The F-scores at half, once and twice the threshold.
+    pub fn fscores(&self) -> [FScore; 3] {
+        std::array::from_fn(|i| {
+            let (precision, recall) = (self.to_gt.within[i], self.to_pred.within[i]);
+            let sum = precision + recall;
+            let f = if sum > 0.0 { 2.0 * precision * recall / sum } else { 0.0 };
+            FScore { tau: taus(self.tau)[i], precision, recall, f }
+        })
+    }
+}
+
+/// Compares samples of a prediction with samples of a ground truth by nearest neighbours among the samples.
+///
+/// Two independent sets of `n` samples of one surface of area `A` are about `sqrt(A / n) / 2` apart, so a perfect
+/// prediction does not score 0; [`compare_surfaces`] has no such floor. `tau` is the threshold of the F-score (distances
+/// strictly below it count), in the units of the points. Sums are f64 in index order.
+///
+/// # Panics
+/// If a point is not finite or if `tau` is not positive.
+#[track_caller]
+pub fn compare_samples(pred: Samples<'_>, gt: Samples<'_>, tau: f64) -> Metrics {
+    let to = |from: Samples<'_>, to: Samples<'_>| {
+        let (index, dist_sq) = KdTree::new(to.points).nearest_all(from.points);
+        let dist_sq = dist_sq.iter().map(|&d| f64::from(d));
+        let normals = from.normals.zip(to.normals);
+        directed(dist_sq, normals.map(|(a, b)| a.iter().zip(index.iter().map(|&i| b[i as usize]))), tau)
+    };
+    Metrics { to_gt: to(pred, gt), to_pred: to(gt, pred), tau }
+}
+
+/// Compares samples of each surface with the triangles of the other: exact distances, without a sampling floor.
+///
+/// Normals are compared with that of the nearest triangle. `tau` as in [`compare_samples`].
+///
+/// # Panics
+/// If a point is not finite or if `tau` is not positive.
+#[track_caller]
+pub fn compare_surfaces(
+    pred: (Samples<'_>, &TriangleBvh),
+    gt: (Samples<'_>, &TriangleBvh),
+    tau: f64,
+) -> Metrics {
+    let to = |from: Samples<'_>, to: &TriangleBvh| {
+        let hits = to.nearest_all(from.points);
+        let dist_sq = hits.iter().map(|h| h.dist_sq);
+        let normals = from.normals.map(|n| n.iter().zip(hits.iter().map(|h| to.face_normal(h.face))));
+        directed(dist_sq, normals, tau)
+    };
+    Metrics { to_gt: to(pred.0, gt.1), to_pred: to(gt.0, pred.1), tau }
+}
+
+fn taus(tau: f64) -> [f64; 3] {
+    [0.5 * tau, tau, 2.0 * tau]
+}
+
+#[track_caller]
+fn directed<'a>(
+    dist_sq: impl ExactSizeIterator<Item = f64>,
+    normals: Option<impl Iterator<Item = (&'a [f32; 3], [f32; 3])>>,
+    tau: f64,
+) -> Directed {
+    assert!(tau > 0.0, "threshold {tau} of the F-score must be positive");
+    let n = dist_sq.len() as f64;
+    let (mut sum, mut sum_sq, mut max) = (0.0, 0.0, 0.0f64);
+    let mut within = [0u64; 3];
+    for d_sq in dist_sq {
+        let d = d_sq.sqrt();
+        sum += d;
+        sum_sq += d_sq;
+        max = max.max(d);
+        for (count, t) in within.iter_mut().zip(taus(tau)) {
+            *count += u64::from(d < t);
+        }
+    }
+    let normal = normals.map(|pairs| {
+        let (mut whole, mut parts) = (0.0, 0.0);
+        for (a, b) in pairs {
+            let products: [f64; 3] = std::array::from_fn(|k| f64::from(a[k]) * f64::from(b[k]));
+            whole += products.iter().sum::<f64>().abs();
+            parts += products.iter().map(|p| p.abs()).sum::<f64>();
+        }
+        (whole / n, parts / n)
+    });
+    Directed {
+        mean: sum / n,
+        mean_sq: sum_sq / n,
+        max,
+        normal: normal.map(|x| x.0),
+        normal_ntps: normal.map(|x| x.1),
+        within: within.map(|c| c as f64 / n),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{TriangleMesh, sample_surface};
+    use rand::rngs::ChaCha8Rng;
+    use rand::{RngExt, SeedableRng};
+
+    fn grid(n: usize, z: f32) -> Vec<[f32; 3]> {
+        (0..n * n).map(|i| [(i / n) as f32 / n as f32, (i % n) as f32 / n as f32, z]).collect()
+    }
+
+    fn square(z: f32) -> TriangleMesh {
+        TriangleMesh {
+            verts: vec![[0.0, 0.0, z], [1.0, 0.0, z], [1.0, 1.0, z], [0.0, 1.0, z]],
+            faces: vec![[0, 1, 2], [0, 2, 3]],
+        }
+    }
+
+    #[test]
+    fn identical_sets_are_perfect() {
+        let points = grid(12, 0.5);
+        let normals = vec![[0.0, 0.6, 0.8]; points.len()];
+        let s = Samples::new(&points, Some(&normals));
+        let m = compare_samples(s, s, 0.01);
+        assert_eq!((m.acc(), m.comp(), m.cd_l1(), m.cd_l2(), m.hd()), (0.0, 0.0, 0.0, 0.0, 0.0));
+        assert!((m.nc().unwrap() - 1.0).abs() < 1e-7 && (m.nc_ntps().unwrap() - 1.0).abs() < 1e-7);
+        assert_eq!(m.fscores().map(|f| f.f), [1.0; 3]);
+    }
+
+    #[test]
+    fn parallel_planes_are_their_distance_apart() {
+        let (a, b) = (grid(20, 0.0), grid(20, 0.015625));
+        let m = compare_samples(Samples::new(&a, None), Samples::new(&b, None), 0.01);
+        assert_eq!((m.acc(), m.comp(), m.cd_l1(), m.hd()), (0.015625, 0.015625, 0.015625, 0.015625));
+        assert_eq!(m.cd_l2(), 0.015625 * 0.015625);
+        assert_eq!(m.fscores().map(|f| f.f), [0.0, 0.0, 1.0]);
+        assert_eq!(m.fscores().map(|f| f.tau), [0.005, 0.01, 0.02]);
+        assert_eq!((m.nc(), m.nc_ntps()), (None, None));
+
+        let (sa, sb) = (square(0.0), square(0.015625));
+        let pa = sample_surface(&sa, 5000, 1).unwrap();
+        let pb = sample_surface(&sb, 5000, 2).unwrap();
+        let m = compare_surfaces(
+            (Samples::new(&pa.points, Some(&pa.normals)), &TriangleBvh::new(&sa).unwrap()),
+            (Samples::new(&pb.points, Some(&pb.normals)), &TriangleBvh::new(&sb).unwrap()),
+            0.01,
+        );
+        assert!((m.cd_l1() - 0.015625).abs() < 1e-9 && (m.hd() - 0.015625).abs() < 1e-9);
+        assert_eq!(m.nc(), Some(1.0));
+    }
+
+    #[test]
+    fn directions_are_not_mixed_up() {
+        // The prediction covers a third of the ground truth: precise, not complete.
+        let gt = [[0.0f32, 0.0, 0.0], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0]];
+        let pred = [[0.0f32, 0.0, 0.0]];
+        let m = compare_samples(Samples::new(&pred, None), Samples::new(&gt, None), 1.0);
+        assert_eq!(m.acc(), 0.0);
+        assert_eq!(m.comp(), 4.0 / 3.0);
+        assert_eq!(m.cd_l2(), 0.5 * 10.0 / 3.0);
+        assert_eq!(m.hd(), 3.0);
+        let f = m.fscores();
+        // Strictly below the threshold: the point at distance 1 counts at 2 only.
+        assert_eq!(f.map(|f| f.precision), [1.0; 3]);
+        assert_eq!(f.map(|f| f.recall), [1.0 / 3.0, 1.0 / 3.0, 2.0 / 3.0]);
+        assert_eq!(m.fscore().f, 0.5);
+    }
+
+    #[test]
+    fn random_normals_score_a_half_and_three_quarters() {
+        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut random = |n: usize| -> Vec<[f32; 3]> {
+            (0..n)
+                .map(|_| {
+                    let z = rng.random_range(-1.0f32..1.0);
+                    let t = rng.random_range(0.0f32..std::f32::consts::TAU);
+                    let r = (1.0 - z * z).sqrt();
+                    [r * t.cos(), r * t.sin(), z]
+                })
+                .collect()
+        };
+        let points = random(20_000);
+        let (na, nb) = (random(20_000), random(20_000));
+        let m = compare_samples(Samples::new(&points, Some(&na)), Samples::new(&points, Some(&nb)), 0.01);
+        assert!((m.nc().unwrap() - 0.5).abs() < 0.01, "{:?}", m.nc());
+        assert!((m.nc_ntps().unwrap() - 0.75).abs() < 0.01, "{:?}", m.nc_ntps());
+    }
+
+    #[test]
+    fn flipped_normals_count_as_equal() {
+        let points = grid(3, 0.0);
+        let (up, down) = (vec![[0.0, 0.6, 0.8]; 9], vec![[0.0, -0.6, -0.8]; 9]);
+        let m = compare_samples(Samples::new(&points, Some(&up)), Samples::new(&points, Some(&down)), 0.1);
+        assert!((m.nc().unwrap() - 1.0).abs() < 1e-7);
+    }
+
+    #[test]
+    #[should_panic(expected = "2 points, 1 normals")]
+    fn normals_must_match_points() {
+        Samples::new(&[[0.0; 3]; 2], Some(&[[0.0, 0.0, 1.0]]));
+    }
+}

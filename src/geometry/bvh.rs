@@ -1,0 +1,306 @@
+//! Exact distance from points to a triangle mesh.
+
+use super::TriangleMesh;
+use super::sample::{cross, dot, sub};
+use crate::error::{Error, ErrorKind};
+use rayon::prelude::*;
+
+/// Triangles in a leaf, at most.
+const LEAF: usize = 4;
+
+/// Queries answered by one task.
+const CHUNK: usize = 256;
+
+/// The point of a mesh nearest to a query.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SurfaceHit {
+    /// Index of the face it lies on; the smallest among equally near faces.
+    pub face: u32,
+    /// The point itself.
+    pub point: [f32; 3],
+    /// Squared distance to it.
+    pub dist_sq: f64,
+}
+
+/// A tree of boxes over the triangles of a mesh.
+///
+/// Distances are evaluated in double precision. Faces without area count as the segment or point they are.
+#[derive(Clone, Debug)]
+pub struct TriangleBvh {
+    nodes: Vec<Node>,
+    /// Corners, sorted so that a leaf's triangles are together.
+    corners: Vec<[[f64; 3]; 3]>,
+    /// Face index of each sorted triangle.
+    face: Vec<u32>,
+    /// Where each face went in the sorted order.
+    place: Vec<u32>,
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Node {
+    min: [f64; 3],
+    max: [f64; 3],
+    /// First triangle of a leaf; otherwise the second child (the first child is the next node).
+    at: u32,
+    /// Triangles of a leaf; otherwise 0.
+    count: u32,
+}
+
+impl TriangleBvh {
+    /// The tree over the faces of `mesh`.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Data`] if there is no face, or if a face names a missing or non-finite vertex (the face is named).
+    pub fn new(mesh: &TriangleMesh) -> Result<Self, Error> {
+        if mesh.faces.is_empty() {
+            return Err(Error::new(ErrorKind::Data, "a mesh without faces has no surface to measure to"));
+        }
+        let mut triangles = Vec::with_capacity(mesh.faces.len());
+        for (f, face) in mesh.faces.iter().enumerate() {
+            let corner = |v: u32| mesh.verts.get(v as usize).filter(|p| p.iter().all(|x| x.is_finite()));
+            let [Some(a), Some(b), Some(c)] = face.map(corner) else {
+                return Err(Error::new(
+                    ErrorKind::Data,
+                    format!("vertices {face:?} are missing or not finite"),
+                )
+                .at_element(format!("face {f}"))
+                .advise("repair the mesh"));
+            };
+            triangles.push((f as u32, [a, b, c].map(|p| p.map(f64::from))));
+        }
+        let mut nodes = Vec::with_capacity(triangles.len());
+        build(&mut triangles, 0, &mut nodes);
+        let mut place = vec![0; triangles.len()];
+        for (i, t) in triangles.iter().enumerate() {
+            place[t.0 as usize] = i as u32;
+        }
+        let (face, corners) = triangles.into_iter().unzip();
+        Ok(TriangleBvh { nodes, corners, face, place })
+    }
+
+    /// The point of the mesh nearest to `q`.
+    ///
+    /// # Panics
+    /// If `q` is not finite.
+    #[track_caller]
+    pub fn nearest(&self, q: [f32; 3]) -> SurfaceHit {
+        assert!(q.iter().all(|x| x.is_finite()), "TriangleBvh::nearest: query {q:?} is not finite");
+        let q = q.map(f64::from);
+        let mut best = (f64::INFINITY, u32::MAX, [0.0; 3]);
+        let mut stack = vec![(self.nodes[0].dist_sq(q), 0u32)];
+        while let Some((bound, at)) = stack.pop() {
+            // Equal bounds are opened too: they may hold an equally near face of smaller index.
+            if bound > best.0 {
+                continue;
+            }
+            let node = self.nodes[at as usize];
+            if node.count > 0 {
+                for i in node.at..node.at + node.count {
+                    let p = closest_on_triangle(q, self.corners[i as usize]);
+                    let d = sub(q, p);
+                    let found = (dot(d, d), self.face[i as usize], p);
+                    if (found.0, found.1) < (best.0, best.1) {
+                        best = found;
+                    }
+                }
+            } else {
+                let [a, b] = [at + 1, node.at].map(|c| (self.nodes[c as usize].dist_sq(q), c));
+                // The nearer child is pushed last and opened first.
+                stack.extend(if a.0 <= b.0 { [b, a] } else { [a, b] });
+            }
+        }
+        SurfaceHit { face: best.1, point: best.2.map(|x| x as f32), dist_sq: best.0 }
+    }
+
+    /// For each of `queries` (m x 3), the nearest point of the mesh (m).
+    ///
+    /// # Panics
+    /// If a query is not finite.
+    pub fn nearest_all(&self, queries: &[[f32; 3]]) -> Vec<SurfaceHit> {
+        let mut out = vec![SurfaceHit { face: 0, point: [0.0; 3], dist_sq: 0.0 }; queries.len()];
+        out.par_chunks_mut(CHUNK).zip(queries.par_chunks(CHUNK)).for_each(|(out, queries)| {
+            for (hit, &q) in out.iter_mut().zip(queries) {
+                *hit = self.nearest(q);
+            }
+        });
+        out
+    }
+
+    /// Unit normal of a face by its winding; zero for a face without area.
+    ///
+    /// # Panics
+    /// If the mesh has no such face.
+    #[track_caller]
+    pub fn face_normal(&self, face: u32) -> [f32; 3] {
+        let [a, b, c] = self.corners[self.place[face as usize] as usize];
+        let n = cross(sub(b, a), sub(c, a));
+        let len = dot(n, n).sqrt();
+        if len > 0.0 { n.map(|x| (x / len) as f32) } else { [0.0; 3] }
+    }
+}
+
+impl Node {
+    fn dist_sq(&self, q: [f64; 3]) -> f64 {
+        let d: [f64; 3] = std::array::from_fn(|a| (self.min[a] - q[a]).max(q[a] - self.max[a]).max(0.0));
+        // A little less, so that rounding never closes a box that holds the answer.
+        dot(d, d) * (1.0 - 1e-12)
+    }
+}
+
+/// Appends the tree over `triangles`, the first of which is number `first`, halving at the median of the longest axis.
+fn build(triangles: &mut [(u32, [[f64; 3]; 3])], first: u32, nodes: &mut Vec<Node>) {
+    let mut node = Node {
+        min: [f64::INFINITY; 3],
+        max: [f64::NEG_INFINITY; 3],
+        at: first,
+        count: triangles.len() as u32,
+    };
+    for p in triangles.iter().flat_map(|t| t.1) {
+        node.min = std::array::from_fn(|a| node.min[a].min(p[a]));
+        node.max = std::array::from_fn(|a| node.max[a].max(p[a]));
+    }
+    let here = nodes.len();
+    nodes.push(node);
+    if triangles.len() <= LEAF {
+        return;
+    }
+    let size = sub(node.max, node.min);
+    let axis = (0..3).rev().max_by(|&a, &b| size[a].total_cmp(&size[b])).unwrap_or(0);
+    let key = |t: &(u32, [[f64; 3]; 3])| t.1[0][axis] + t.1[1][axis] + t.1[2][axis];
+    let half = triangles.len() / 2;
+    // Halving by count bounds the depth even if all centres coincide.
+    triangles.select_nth_unstable_by(half, |a, b| key(a).total_cmp(&key(b)).then(a.0.cmp(&b.0)));
+    let (low, high) = triangles.split_at_mut(half);
+    build(low, first, nodes);
+    nodes[here].at = nodes.len() as u32;
+    nodes[here].count = 0;
+    build(high, first + half as u32, nodes);
+}
+
+/// The point of a triangle nearest to `p`: its foot on the plane if that is inside, otherwise the best of the edges.
+fn closest_on_triangle(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    let (e, f, d) = (sub(b, a), sub(c, a), sub(p, a));
+    let (ee, ef, ff, de, df) = (dot(e, e), dot(e, f), dot(f, f), dot(d, e), dot(d, f));
+    let det = ee * ff - ef * ef;
+    // Slivers have no reliable foot; their edges are near enough to every point of them.
+    if det > 1e-14 * ee * ff {
+        let (s, t) = ((ff * de - ef * df) / det, (ee * df - ef * de) / det);
+        if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
+            return std::array::from_fn(|k| a[k] + s * e[k] + t * f[k]);
+        }
+    }
+    let mut best = (f64::INFINITY, a);
+    for (from, to) in [(a, b), (b, c), (c, a)] {
+        let edge = sub(to, from);
+        let len_sq = dot(edge, edge);
+        let t = if len_sq > 0.0 { (dot(sub(p, from), edge) / len_sq).clamp(0.0, 1.0) } else { 0.0 };
+        let q = std::array::from_fn(|k| from[k] + t * edge[k]);
+        let d = sub(p, q);
+        if dot(d, d) < best.0 {
+            best = (dot(d, d), q);
+        }
+    }
+    best.1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::sample_surface;
+    use rand::rngs::ChaCha8Rng;
+    use rand::{RngExt, SeedableRng};
+
+    fn soup(n: usize, size: f32, seed: u64) -> TriangleMesh {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut mesh = TriangleMesh::default();
+        for i in 0..n as u32 {
+            let c: [f32; 3] = std::array::from_fn(|_| rng.random_range(-0.5f32..0.5));
+            for _ in 0..3 {
+                mesh.verts.push(std::array::from_fn(|a| c[a] + size * rng.random_range(-0.5f32..0.5)));
+            }
+            mesh.faces.push([3 * i, 3 * i + 1, 3 * i + 2]);
+        }
+        mesh
+    }
+
+    #[test]
+    fn nearest_is_brute_force() {
+        let mut meshes: Vec<_> = (1..=12).map(|n| soup(n, 0.5, n as u64)).collect();
+        meshes.push(soup(500, 0.1, 20));
+        meshes.push(soup(500, 2.0, 21));
+        // Every face thrice, and faces that are segments and points.
+        let mut odd = soup(100, 0.2, 22);
+        let copies = odd.faces.clone();
+        odd.faces.extend(copies.iter().chain(&copies));
+        odd.faces.extend((0..50).map(|i| [i, i, i + 1]));
+        odd.faces.extend((50..80).map(|i| [i, i, i]));
+        meshes.push(odd);
+        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        for mesh in meshes {
+            let bvh = TriangleBvh::new(&mesh).unwrap();
+            let mut queries: Vec<[f32; 3]> =
+                (0..200).map(|_| std::array::from_fn(|_| rng.random_range(-1.0f32..1.0))).collect();
+            queries.extend(mesh.verts.iter().step_by(7));
+            queries.push([1e3, -1e3, 0.0]);
+            for (q, hit) in queries.iter().zip(bvh.nearest_all(&queries)) {
+                let want = mesh
+                    .faces
+                    .iter()
+                    .enumerate()
+                    .map(|(f, face)| {
+                        let q = q.map(f64::from);
+                        let p = closest_on_triangle(q, face.map(|v| mesh.verts[v as usize].map(f64::from)));
+                        (dot(sub(q, p), sub(q, p)), f as u32)
+                    })
+                    .min_by(|a, b| a.partial_cmp(b).unwrap())
+                    .unwrap();
+                assert_eq!((hit.dist_sq, hit.face), want);
+            }
+        }
+    }
+
+    #[test]
+    fn triangle_distance_is_that_of_the_densest_sampling() {
+        let mut rng = ChaCha8Rng::seed_from_u64(8);
+        for seed in 0..20 {
+            let mesh = soup(1, 1.0, seed);
+            let bvh = TriangleBvh::new(&mesh).unwrap();
+            let samples = sample_surface(&mesh, 4000, 1).unwrap();
+            for _ in 0..20 {
+                let q: [f32; 3] = std::array::from_fn(|_| rng.random_range(-1.0f32..1.0));
+                let hit = bvh.nearest(q);
+                let near = samples
+                    .points
+                    .iter()
+                    .map(|p| crate::geometry::point_dist_sq(p, &q))
+                    .fold(f32::INFINITY, f32::min);
+                let d = hit.dist_sq.sqrt() as f32;
+                assert!(d <= near.sqrt() + 1e-6 && near.sqrt() < d + 0.08);
+            }
+        }
+    }
+
+    #[test]
+    fn hand_checked_hit() {
+        let mesh = TriangleMesh {
+            verts: vec![[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [9.0, 0.0, 0.0]],
+            faces: vec![[3, 3, 3], [0, 1, 2]],
+        };
+        let bvh = TriangleBvh::new(&mesh).unwrap();
+        let hit = bvh.nearest([0.25, 0.25, 2.0]);
+        assert_eq!(hit, SurfaceHit { face: 1, point: [0.25, 0.25, 0.0], dist_sq: 4.0 });
+        assert_eq!(bvh.nearest([1.0, 1.0, 0.0]).point, [0.5, 0.5, 0.0]);
+        assert_eq!(bvh.face_normal(1), [0.0, 0.0, 1.0]);
+        assert_eq!(bvh.face_normal(0), [0.0; 3]);
+    }
+
+    #[test]
+    fn unusable_meshes_are_data_errors() {
+        assert_eq!(TriangleBvh::new(&TriangleMesh::default()).unwrap_err().kind(), ErrorKind::Data);
+        let mut mesh = soup(3, 1.0, 0);
+        mesh.verts[4] = [f32::NAN; 3];
+        assert_eq!(TriangleBvh::new(&mesh).unwrap_err().element(), Some("face 1"));
+        mesh.faces[0] = [0, 1, 77];
+        assert_eq!(TriangleBvh::new(&mesh).unwrap_err().element(), Some("face 0"));
+    }
+}
