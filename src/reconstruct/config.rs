@@ -35,6 +35,10 @@ pub struct Weights {
     pub points: f32,
     pub pull: f32,
     pub cover: f32,
+    pub deform_end: f32,
+    pub deform_back: f32,
+    pub prune: f32,
+    pub prune_margin: f32,
 }
 
 /// Part of the training, at one grid resolution.
@@ -107,6 +111,10 @@ impl Config {
                 points: 0.0,
                 pull: 0.0,
                 cover: 0.0,
+                deform_end: 0.0,
+                deform_back: 1.0,
+                prune: 0.0,
+                prune_margin: 2.0,
             },
             stages: vec![Stage { resolution: 32, steps: 300 }],
             refresh: 5,

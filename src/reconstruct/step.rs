@@ -54,6 +54,7 @@ pub struct Trainer {
     band_resolution: usize,
     iso: Isosurface,
     surface: Vec<[f32; 3]>,
+    spacing: f32,
 }
 
 /// The box that the grid covers, in the working frame.
@@ -95,7 +96,17 @@ impl Trainer {
             band_resolution: 0,
             iso: Isosurface::default(),
             surface: Vec::new(),
+            spacing: 0.0,
         };
+        let k = crate::geometry::KdTree::new(&t.cloud).k_nearest(&t.cloud, 2);
+        t.spacing = k
+            .chunks(2)
+            .map(|p| {
+                let (a, b) = (t.cloud[p[0] as usize], t.cloud[p[1] as usize]);
+                (0..3).map(|d| (a[d] - b[d]).powi(2)).sum::<f32>().sqrt()
+            })
+            .sum::<f32>()
+            / t.cloud.len() as f32;
         if t.config.target != Target::Cloud {
             for i in 0..t.config.bsp_pretrain {
                 t.pretrain_bsp(i);
@@ -218,10 +229,21 @@ impl Trainer {
             }
             value
         };
-        let term = tape.chamfer(drawn, target, Direction::BOTH);
-        report.deform = add(tape, w.deform, term);
+        let decay = |from: f32, to: f32| from * (to / from).powf(self.step as f32 / self.total as f32);
+        let wd = if w.deform_end > 0.0 && w.deform > 0.0 { decay(w.deform, w.deform_end) } else { w.deform };
+        let term =
+            tape.chamfer(drawn, target, Direction { forward: 1.0, backward: w.deform_back, margin: 0.0 });
+        report.deform = add(tape, wd, term);
+        if w.prune > 0.0 {
+            let term = tape.chamfer(
+                drawn,
+                q,
+                Direction { forward: 1.0, backward: 0.0, margin: w.prune_margin * self.spacing },
+            );
+            add(tape, w.prune, term);
+        }
         if w.cover > 0.0 {
-            let term = tape.chamfer(drawn, q, Direction { forward: 0.0, backward: 1.0 });
+            let term = tape.chamfer(drawn, q, Direction { forward: 0.0, backward: 1.0, margin: 0.0 });
             add(tape, w.cover, term);
         }
         if train_bsp && let Some(s) = surface {
