@@ -11,22 +11,21 @@ pub struct Direction {
     pub forward: f32,
     /// Weight of the mean over the second cloud of the squared distance to its nearest point in the first.
     pub backward: f32,
-    /// Forward distances up to this cost nothing, and d^2 - margin^2 beyond; 0 for the plain distance.
-    pub margin: f32,
 }
 
 impl Direction {
     /// Both directions with weight 1: the distance of equations 3 and 5 of the paper.
-    pub const BOTH: Direction = Direction { forward: 1.0, backward: 1.0, margin: 0.0 };
+    pub const BOTH: Direction = Direction { forward: 1.0, backward: 1.0 };
+    /// From each point of the first cloud to the second only.
+    pub const FORWARD: Direction = Direction { forward: 1.0, backward: 0.0 };
+    /// From each point of the second cloud to the first only: how well the first covers the second.
+    pub const BACKWARD: Direction = Direction { forward: 0.0, backward: 1.0 };
 }
 
-/// f / n sum_i max(|a_i - b_p(i)|^2 - margin^2, 0) + g / m sum_j |b_j - a_q(j)|^2 with p and q the nearest neighbours, held constant.
+/// f / n sum_i |a_i - b_p(i)|^2 + g / m sum_j |b_j - a_q(j)|^2 with p and q the nearest neighbours, held constant.
 struct Chamfer {
     direction: Direction,
 }
-
-/// In place of a nearest index: this point costs nothing.
-const NONE: u32 = u32::MAX;
 
 /// The nearest index in the other cloud, for both directions; empty for a direction of weight 0.
 struct Nearest {
@@ -35,20 +34,12 @@ struct Nearest {
 }
 
 /// Mean squared distance and nearest indices of `from` in `to`.
-fn one_way(from: &[[f32; 3]], to: &[[f32; 3]], weight: f32, margin: f32) -> (f64, Vec<u32>) {
+fn one_way(from: &[[f32; 3]], to: &[[f32; 3]], weight: f32) -> (f64, Vec<u32>) {
     if weight == 0.0 {
         return (0.0, Vec::new());
     }
-    let (mut index, distance_sq) = KdTree::new(to).nearest_any(from);
-    let margin_sq = margin * margin;
-    let mut sum = 0.0f64;
-    for (i, &d) in index.iter_mut().zip(&distance_sq) {
-        if d > margin_sq {
-            sum += f64::from(d - margin_sq);
-        } else {
-            *i = NONE;
-        }
-    }
+    let (index, distance_sq) = KdTree::new(to).nearest_any(from);
+    let sum: f64 = distance_sq.iter().map(|&d| f64::from(d)).sum();
     (f64::from(weight) * sum / from.len() as f64, index)
 }
 
@@ -56,9 +47,6 @@ fn one_way(from: &[[f32; 3]], to: &[[f32; 3]], weight: f32, margin: f32) -> (f64
 fn pull_one_way(x: &[[f32; 3]], y: &[[f32; 3]], index: &[u32], scale: f32, dx: &mut [f32], dy: &mut [f32]) {
     let (dx, dy) = (dx.as_chunks_mut::<3>().0, dy.as_chunks_mut::<3>().0);
     for ((dx, x), &j) in dx.iter_mut().zip(x).zip(index) {
-        if j == NONE {
-            continue;
-        }
         let (y, dy) = (&y[j as usize], &mut dy[j as usize]);
         for i in 0..3 {
             let g = 2.0 * scale * (x[i] - y[i]);
@@ -82,8 +70,8 @@ impl Op<2> for Chamfer {
 
     fn forward(&self, [a, b]: [&Tensor; 2]) -> (Tensor, Nearest) {
         let (pa, pb) = (points("first cloud", a), points("second cloud", b));
-        let (forward, of_a) = one_way(pa, pb, self.direction.forward, self.direction.margin);
-        let (backward, of_b) = one_way(pb, pa, self.direction.backward, 0.0);
+        let (forward, of_a) = one_way(pa, pb, self.direction.forward);
+        let (backward, of_b) = one_way(pb, pa, self.direction.backward);
         let mut y = a.dirty(&[1, 1]);
         y.data_mut()[0] = (forward + backward) as f32;
         (y, Nearest { of_a, of_b })
@@ -140,13 +128,11 @@ mod tests {
         let d = |x: &[f32; 3], y: &[f32; 3]| {
             (0..3).map(|i| (f64::from(x[i]) - f64::from(y[i])).powi(2)).sum::<f64>()
         };
-        let way = |x: &[[f32; 3]], y: &[[f32; 3]], margin: f32| {
-            let nearest = |p| y.iter().map(|q| d(p, q)).fold(f64::INFINITY, f64::min);
-            let beyond = |p| (nearest(p) - f64::from(margin).powi(2)).max(0.0);
-            x.iter().map(beyond).sum::<f64>() / x.len() as f64
+        let way = |x: &[[f32; 3]], y: &[[f32; 3]]| {
+            x.iter().map(|p| y.iter().map(|q| d(p, q)).fold(f64::INFINITY, f64::min)).sum::<f64>()
+                / x.len() as f64
         };
-        f64::from(direction.forward) * way(a, b, direction.margin)
-            + f64::from(direction.backward) * way(b, a, 0.0)
+        f64::from(direction.forward) * way(a, b) + f64::from(direction.backward) * way(b, a)
     }
 
     /// Clouds in general position, on a lattice with duplicates, in a plane, and on a line.
@@ -168,8 +154,8 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn agrees_with_all_pairs(a in cloud(), b in cloud(), forward in 0f32..2.0, margin in 0f32..2.0, one_sided: bool) {
-            let direction = Direction { forward, backward: if one_sided { 0.0 } else { 0.7 }, margin };
+        fn agrees_with_all_pairs(a in cloud(), b in cloud(), forward in 0f32..2.0, one_sided: bool) {
+            let direction = Direction { forward, backward: if one_sided { 0.0 } else { 0.7 } };
             let mut t = Tape::new();
             let (va, vb) = (t.constant(Tensor::from_points(&a)), t.constant(Tensor::from_points(&b)));
             let y = t.chamfer(va, vb, direction);
@@ -179,9 +165,11 @@ mod tests {
 
         #[test]
         fn gradients(n in 1usize..12, m in 1usize..12, seed: u64) {
-            let direction = Direction { forward: 0.8, backward: 1.3, margin: 0.5 };
             let clouds = [normal(&[n, 3], seed), normal(&[m, 3], seed ^ 1)];
-            check(|t, x| t.chamfer(x[0], x[1], direction), &clouds, seed);
+            let both = Direction { forward: 0.8, backward: 1.3 };
+            for direction in [both, Direction::FORWARD, Direction::BACKWARD] {
+                check(|t, x| t.chamfer(x[0], x[1], direction), &clouds, seed);
+            }
         }
     }
 
