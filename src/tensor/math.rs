@@ -6,7 +6,7 @@ use super::simd::kernel;
 
 const LOG2_E: f32 = std::f32::consts::LOG2_E;
 // ln 2 in two parts (Cody and Waite): n * LN2_HI is exact for |n| < 2^9.
-const LN2_HI: f32 = 0.693_359_375;
+const LN2_HI: f32 = 355.0 / 512.0;
 const LN2_LO: f32 = -2.121_944_4e-4;
 // Adding and subtracting 1.5 * 2^23 rounds to the nearest integer, which then stands in the low bits.
 const ROUND: f32 = 12_582_912.0;
