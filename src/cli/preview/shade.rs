@@ -1,0 +1,124 @@
+//! Colour: two lights and a soft sky, darker where the sky is hidden.
+
+use rayon::prelude::*;
+
+use super::camera::{Camera, DEPTHS};
+use super::raster::{Buffer, Material};
+
+/// Directions to the lights in the camera's coordinates, with their strengths.
+const KEY: ([f32; 3], f32) = ([-0.45, 0.62, 0.64], 0.80);
+const FILL: ([f32; 3], f32) = ([0.70, 0.10, 0.71], 0.22);
+/// Radius within which other surfaces hide the sky, in longest sides of the scene.
+const SHADOW: f32 = 0.09;
+/// Samples of the sky around each sample of the picture.
+const RAYS: usize = 12;
+
+/// Pixels, red, green, blue, from `step` x `step` samples each.
+pub fn resolve(buffer: &Buffer, camera: &Camera, step: usize) -> Vec<u8> {
+    let size = camera.size();
+    let width = size / step;
+    let mut rgb = vec![0u8; 3 * width * width];
+    rgb.par_chunks_mut(3 * width).enumerate().for_each(|(row, line)| {
+        for (column, out) in line.chunks_exact_mut(3).enumerate() {
+            let mut sum = [0.0f32; 3];
+            for i in 0..step * step {
+                let (y, x) = (row * step + i / step, column * step + i % step);
+                let colour = sample(buffer, camera, x, y);
+                (0..3).for_each(|c| sum[c] += colour[c]);
+            }
+            for c in 0..3 {
+                out[c] = encode(sum[c] / (step * step) as f32);
+            }
+        }
+    });
+    rgb
+}
+
+/// Linear light at one sample.
+fn sample(buffer: &Buffer, camera: &Camera, x: usize, y: usize) -> [f32; 3] {
+    let size = camera.size();
+    let i = y * size + x;
+    let background = background(y as f32 / size as f32);
+    let (base, gloss) = match buffer.material[i] {
+        Material::Background => return background,
+        Material::Front => (srgb(120, 164, 214), 0.16),
+        Material::Back => (srgb(222, 92, 76), 0.05),
+        Material::Ball => (srgb(38, 70, 120), 0.10),
+    };
+    let n = buffer.normal[i];
+    let depth = buffer.depth[i];
+    let open = 1.0 - hidden(buffer, camera, x, y);
+    let sky = (0.30 + 0.12 * n[1]) * open;
+    let diffuse = |(l, strength): ([f32; 3], f32)| strength * dot(n, l).max(0.0);
+    // A hidden place also loses some direct light, which stands for shadows.
+    let light = sky + (diffuse(KEY) + diffuse(FILL)) * (0.45 + 0.55 * open);
+    let half = unit([KEY.0[0], KEY.0[1], KEY.0[2] + 1.0]);
+    let shine = gloss * dot(n, half).max(0.0).powi(40) * open;
+    // Points have no surface to hide what is behind, so distance is shown by paleness.
+    let haze = match buffer.material[i] {
+        Material::Ball => 0.72 * ((depth - DEPTHS[0]) / (DEPTHS[1] - DEPTHS[0])).clamp(0.0, 1.0),
+        _ => 0.0,
+    };
+    std::array::from_fn(|c| (base[c] * light + shine) * (1.0 - haze) + background[c] * haze)
+}
+
+/// How much of the sky near surfaces hide, 0 to 1 (McGuire et al. 2011, "The Alchemy screen-space ambient obscurance").
+fn hidden(buffer: &Buffer, camera: &Camera, x: usize, y: usize) -> f32 {
+    let size = camera.size();
+    let i = y * size + x;
+    if buffer.material[i] == Material::Ball {
+        return 0.0;
+    }
+    let (depth, n) = (buffer.depth[i], buffer.normal[i]);
+    let middle = |k: usize| k as f32 + 0.5;
+    let p = camera.unscreen(middle(x), middle(y), depth);
+    let reach = SHADOW * camera.scale_at(depth);
+    // The spiral of each sample is turned by its own angle; averaging the samples of a pixel hides the pattern.
+    let turn = std::f32::consts::TAU * (52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract()).fract();
+    let mut sum = 0.0;
+    for k in 0..RAYS {
+        let r = ((k as f32 + 0.5) / RAYS as f32).sqrt() * reach;
+        let angle = turn + 2.399_963_2 * k as f32;
+        let (sx, sy) = (x as f32 + r * angle.cos(), y as f32 + r * angle.sin());
+        let last = (size - 1) as f32;
+        if !(0.0..=last).contains(&sx) || !(0.0..=last).contains(&sy) {
+            continue;
+        }
+        let (sx, sy) = (sx as usize, sy as usize);
+        let there = buffer.depth[sy * size + sx];
+        if there.is_infinite() {
+            continue;
+        }
+        let q = camera.unscreen(middle(sx), middle(sy), there);
+        // Depth grows away from the camera, normals point towards it.
+        let v = [q[0] - p[0], q[1] - p[1], p[2] - q[2]];
+        let len_sq = dot(v, v);
+        if len_sq < SHADOW * SHADOW * 4.0 {
+            sum += (dot(v, n) - 0.002).max(0.0) / (len_sq + 1e-4);
+        }
+    }
+    (1.1 * SHADOW * sum / RAYS as f32 * 2.0).min(0.85)
+}
+
+/// White above, a little darker below.
+fn background(down: f32) -> [f32; 3] {
+    let (top, bottom) = (srgb(252, 253, 254), srgb(232, 237, 243));
+    std::array::from_fn(|c| top[c] + (bottom[c] - top[c]) * down)
+}
+
+fn srgb(r: u8, g: u8, b: u8) -> [f32; 3] {
+    [r, g, b].map(|x| (f32::from(x) / 255.0).powf(2.2))
+}
+
+fn encode(linear: f32) -> u8 {
+    (255.0 * linear.clamp(0.0, 1.0).powf(1.0 / 2.2)).round() as u8
+}
+
+fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+fn unit(a: [f32; 3]) -> [f32; 3] {
+    let len = dot(a, a).sqrt();
+    a.map(|x| x / len)
+}
