@@ -2,6 +2,7 @@
 #![allow(missing_docs)]
 #![deny(unsafe_code)]
 
+mod atomic;
 pub mod autodiff;
 pub mod bsp;
 mod error;
@@ -17,3 +18,4 @@ pub mod reconstruct;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};
+pub use reconstruct::{Config, Preset, Reconstruction, Trainer, reconstruct};

@@ -47,9 +47,25 @@ pub struct Bsp {
     inverse: Inverse,
 }
 
+/// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parameterization {
+    /// Bijective surface parameterization: local patches on the sphere.
+    Bsp,
+    /// No S, the cloud stands for itself ("Sparse").
+    None,
+    /// One perceptron from the sphere to space ("Single").
+    Single,
+    /// Several perceptrons, each from a square of its own to space ("Multiple"; AtlasNet).
+    Multiple {
+        /// How many.
+        maps: usize,
+    },
+}
+
 /// What a forward pass puts on the tape.
 #[derive(Clone, Copy, Debug)]
-pub struct Parameterization {
+pub struct BspOutput {
     /// The codes of the points on the unit sphere, N x 3.
     pub codes: Var,
     /// The codes of all patches on the unit sphere, (N M) x 3, patch by patch.
@@ -98,11 +114,11 @@ impl Bsp {
     /// # Panics
     /// If `points` is not the cloud the maps were made for.
     #[track_caller]
-    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var) -> Parameterization {
+    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var) -> BspOutput {
         let (features, codes) = self.canonical.forward(tape, p, points);
         let patches = self.sampler.forward(tape, codes);
         let surface = self.inverse.forward(tape, p, features, points, patches);
-        Parameterization { codes, patches, surface }
+        BspOutput { codes, patches, surface }
     }
 }
 

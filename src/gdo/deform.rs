@@ -10,6 +10,9 @@ pub enum Deformation {
     Projection,
     /// V' = V - tanh(g n), component by component, as in the authors' code.
     Tanh,
+    /// V' = V + eps with eps from three more outputs of the network, as in DMTet (Shen et al. 2021); the paper's
+    /// ablation f_offset.
+    Offset,
     /// V' = V: plain marching tetrahedra, for comparison.
     None,
 }

@@ -182,6 +182,21 @@ impl TriangleMesh {
         parts
     }
 
+    /// The components with at least `share` of the largest one's area, in the same order of faces and vertices.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn keep_large(&self, share: f64) -> TriangleMesh {
+        let parts = self.split_components();
+        let largest = parts.iter().map(|p| p.area).fold(0.0, f64::max);
+        let kept = parts.into_iter().filter(|p| p.area >= share * largest);
+        let mut faces: Vec<u32> = kept.flat_map(|p| p.faces).collect();
+        faces.sort_unstable();
+        self.select_faces(&faces)
+    }
+
     /// The mesh of the given faces and the vertices they use, both in the given and in the old order respectively.
     ///
     /// # Panics

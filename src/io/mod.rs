@@ -24,7 +24,6 @@ use std::path::Path;
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
-mod atomic;
 mod format;
 mod kitti;
 mod npy;
@@ -35,7 +34,7 @@ mod text;
 mod write;
 mod xyz;
 
-pub use atomic::write_atomic;
+pub use crate::atomic::write_atomic;
 pub use format::Format;
 pub use write::{
     Encoding, write_cloud, write_cloud_as, write_cloud_to, write_mesh, write_mesh_as, write_mesh_to,

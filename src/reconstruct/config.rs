@@ -1,122 +1,349 @@
-//! What can be chosen, and the presets.
+//! What can be chosen. Everything is in the working frame: the cloud centred, its longest side 1.
 
-use crate::bsp::BspConfig;
+use crate::bsp::{BspConfig, Parameterization};
+use crate::error::{Error, ErrorKind};
 use crate::gdo::{Activation, Deformation, FieldConfig};
 use crate::optim::{Decay, Schedule};
 
 /// The shape that the field starts as.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Start {
-    /// A sphere.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StartShape {
+    /// A sphere of radius `field.radius`, by the initial weights alone.
     Sphere,
-    /// The parametric Gauss formula of the cloud.
-    Gauss { width: f32, regularity: f64, steps: usize },
+    /// The surface that the parametric Gauss formula finds among the points (Lin et al. 2022), fitted by regression.
+    Gauss,
 }
 
-/// What the extracted surface is drawn to.
+/// How the field gets its first shape. Only `shape` matters for a sphere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Which shape. Default `gauss`; the paper does not say, its code starts from a sphere.
+    pub shape: StartShape,
+    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings. Default 0.5.
+    pub width: f32,
+    /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
+    pub regularity: f64,
+    /// Steps of the regression. Default 400.
+    pub steps: usize,
+    /// Learning rate of the regression. Default 2e-3.
+    pub rate: f32,
+}
+
+/// What the extracted surface is drawn to; the cloud alone if there is no parameterization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
     /// The parameterized surface S (equation 5 of the paper).
     Surface,
     /// S united with the cloud Q, as in the authors' code.
     SurfaceAndCloud,
-    /// The cloud alone: the ablation without BSP.
-    Cloud,
 }
 
-/// Weights of the loss terms.
+/// Weights of the loss terms; a term of weight 0 is not computed. Those after the third are not in the paper.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Weights {
+    /// L_para, the squared Chamfer distance between S and Q (equation 3). Paper 10.
     pub para: f32,
+    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5). Paper 1.
     pub deform: f32,
+    /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
     pub surf: f32,
+    /// The mean of (|grad g| - 1)^2 on the active vertices and the cloud (Gropp et al. 2020).
     pub eikonal: f32,
+    /// The mean squared uniform Laplacian of the extracted mesh.
     pub laplacian: f32,
+    /// The mean of |g| on the cloud.
     pub points: f32,
+    /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
+    /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
     pub pull: f32,
+    /// The mean squared distance from each point of the cloud to the extracted surface.
     pub cover: f32,
 }
 
-/// Part of the training, at one grid resolution.
+/// A part of the training, at one grid resolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
+    /// Cubes along each side of the grid.
     pub resolution: usize,
+    /// Steps.
     pub steps: usize,
 }
 
-/// A named configuration.
+/// The part of the grid that training works on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Preset {
-    Paper,
-    Fast,
-    Default,
-    Fine,
+pub struct Band {
+    /// Steps between two searches for the grid cubes that the surface crosses; a state to fall back to is kept each
+    /// time. Default 4.
+    pub refresh: usize,
+    /// Rings of cubes around the crossed ones that belong to the band, too. Default 0.
+    pub rings: usize,
 }
 
+/// How much of a large cloud one step sees; clouds below these sizes are seen whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Batch {
+    /// Points of the cloud in a step, at most; drawn window by window from one fixed permutation. Default 4096.
+    pub points: usize,
+    /// Centres whose patches are trained in a step, at most; a compact block of the cloud, in turn. Default 1024.
+    pub centres: usize,
+}
+
+/// All options of a reconstruction.
+///
+/// Start from [`Config::preset`] and change fields, or [`set`](Self::set) them by name. Lengths are in the working
+/// frame, where the cloud's longest side is 1.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Config {
+    /// Seed of everything random. Default 0.
     pub seed: u64,
+    /// Whether a run first adapts these options to the number of points, by [`for_points`](Self::for_points).
+    /// Default true.
+    pub scale_with_points: bool,
+    /// The network g.
     pub field: FieldConfig,
+    /// How a denser surface is made of the points. Default `bsp`.
+    pub parameterization: Parameterization,
+    /// The sizes of BSP; `patch` and `channels` hold for the other parameterizations, too.
     pub bsp: BspConfig,
-    pub start: Start,
-    pub target: Target,
-    pub deformation: Deformation,
-    pub weights: Weights,
-    pub stages: Vec<Stage>,
-    pub refresh: usize,
-    pub rings: usize,
-    pub surface_samples: usize,
+    /// Steps on L_para alone before the training. Default 100; the paper has none.
     pub bsp_pretrain: usize,
+    /// Steps between two trainings of the parameterization during the training; 0 freezes it after its pretraining
+    /// (the paper's ablation without L_deform for BSP). Default 2, paper 1.
     pub bsp_every: usize,
+    /// The shape that the field starts as.
+    pub start: Start,
+    /// What the extracted surface is drawn to. Default `surface-and-cloud`, paper `surface`.
+    pub target: Target,
+    /// How grid vertices move (equation 4). Default `projection`.
+    pub deformation: Deformation,
+    /// Weights of the loss terms.
+    pub weights: Weights,
+    /// Resolutions and steps, in order.
+    pub stages: Vec<Stage>,
+    /// The active part of the grid.
+    pub band: Band,
+    /// Parts of a large cloud in a step.
+    pub batch: Batch,
+    /// Samples on the faces of the extracted surface that stand for it in the losses; 0 takes its vertices. Default 0.
+    pub surface_samples: usize,
+    /// Learning rate of the field. Default 5e-4 after a warm-up of 20 steps, then a cosine.
     pub field_rate: Schedule,
+    /// Learning rate of the parameterization. Default 1e-3 after a warm-up of 20 steps, then a cosine.
     pub bsp_rate: Schedule,
+    /// Largest length of the field's gradient, which is scaled down to it; 0 for none. Default 0.
     pub clip: f64,
+    /// A part of the mesh whose area is below this share of the largest part's area is dropped. Default 0.01.
+    pub min_component: f64,
 }
 
+/// Cloud sizes up to this one are what the presets were made for.
+const USUAL_POINTS: usize = 2048;
+/// Points that a patch attends to in larger clouds if it would attend to all otherwise.
+const LOCAL_REACH: usize = 16;
+/// Grid resolution that scaling does not go beyond, unless a stage asks for more itself.
+const SCALED_RESOLUTION: usize = 160;
+
 impl Config {
-    pub fn preset(_: Preset) -> Self {
-        Config {
-            seed: 0,
-            field: FieldConfig {
-                width: 128,
-                depth: 4,
-                octaves: 3,
-                frequency: 2.0,
-                activation: Activation::Softplus { beta: 100.0 },
-                skip: None,
-                radius: 0.35,
-            },
-            bsp: BspConfig {
-                channels: 64,
-                heads: 4,
-                neighbours: 8,
-                patch: 10,
-                sphere: 1.0,
-                reach: 12,
-                average_positions: true,
-            },
-            start: Start::Gauss { width: 0.5, regularity: 0.05, steps: 300 },
-            target: Target::SurfaceAndCloud,
-            deformation: Deformation::Projection,
-            weights: Weights {
-                para: 10.0,
-                deform: 1.0,
-                surf: 0.01,
-                eikonal: 0.01,
-                laplacian: 0.0,
-                points: 0.0,
-                pull: 0.0,
-                cover: 0.0,
-            },
-            stages: vec![Stage { resolution: 32, steps: 300 }],
-            refresh: 5,
-            rings: 1,
-            surface_samples: 0,
-            bsp_pretrain: 100,
-            bsp_every: 2,
-            field_rate: Schedule { base: 5e-4, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
-            bsp_rate: Schedule { base: 1e-3, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
-            clip: 0.0,
+    /// Adapts the options to a cloud of n points, by this rule: up to 2,048 points nothing changes. Beyond,
+    /// resolutions grow with the fourth root of n / 2048 (the spacing of points on a surface falls with its square
+    /// root, but memory and time grow with the square of the resolution), rounded to multiples of 4, to at most twice
+    /// and at most 160; attention of all patches to all points becomes attention to the 16 nearest. The sphere, the
+    /// patches and the steps stay, and `batch` bounds what a step sees.
+    ///
+    /// Clears `scale_with_points`, so nothing is adapted twice; without it nothing changes.
+    pub fn for_points(mut self, n: usize) -> Config {
+        if !self.scale_with_points {
+            return self;
         }
+        self.scale_with_points = false;
+        if n > USUAL_POINTS {
+            let growth = (n as f64 / USUAL_POINTS as f64).powf(0.25).min(2.0);
+            for stage in &mut self.stages {
+                let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
+                stage.resolution = scaled.min(SCALED_RESOLUTION).max(stage.resolution);
+            }
+            if self.bsp.reach == 0 {
+                self.bsp.reach = LOCAL_REACH;
+            }
+        }
+        self
+    }
+
+    /// The number of training steps.
+    pub fn total_steps(&self) -> usize {
+        self.stages.iter().map(|s| s.steps).sum()
+    }
+
+    /// Whether the options are in range and fit each other.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Config`] with the option and what to do about it.
+    pub fn validate(&self) -> Result<(), Error> {
+        let f = &self.field;
+        within("field.width", f.width, 1, 1024)?;
+        within("field.depth", f.depth, 1, 32)?;
+        within("field.octaves", f.octaves, 0, 16)?;
+        positive("field.frequency", f.frequency, 1000.0)?;
+        positive("field.radius", f.radius, 0.57)?;
+        if let Activation::Softplus { beta } = f.activation {
+            positive("field.activation", beta, 1e6)?;
+        }
+        if let Some(skip) = f.skip {
+            let advice = "use a hidden layer from 1 to field.depth - 1, or none";
+            check("field.skip", skip > 0 && skip < f.depth, skip, advice)?;
+        }
+        let b = &self.bsp;
+        within("bsp.channels", b.channels, 2, 1024)?;
+        within("bsp.heads", b.heads, 1, b.channels)?;
+        let advice = "use an even number that is a multiple of bsp.heads";
+        check("bsp.channels", b.channels % b.heads == 0 && b.channels % 2 == 0, b.channels, advice)?;
+        within("bsp.neighbours", b.neighbours, 1, 256)?;
+        within("bsp.patch", b.patch, 1, 256)?;
+        within("bsp.reach", b.reach, 0, 4096)?;
+        positive("bsp.sphere", b.sphere, 100.0)?;
+        if let Parameterization::Multiple { maps } = self.parameterization {
+            within("parameterization", maps, 2, 256)?;
+        }
+        positive("start.width", self.start.width, 100.0)?;
+        not_negative("start.regularity", self.start.regularity)?;
+        positive("start.rate", self.start.rate, 1.0)?;
+        for (key, rate) in [("field_rate", &self.field_rate), ("bsp_rate", &self.bsp_rate)] {
+            check_rate(key, rate)?;
+        }
+        self.validate_training()
+    }
+
+    fn validate_training(&self) -> Result<(), Error> {
+        let w = &self.weights;
+        for (key, weight) in [
+            ("weights.para", w.para),
+            ("weights.deform", w.deform),
+            ("weights.surf", w.surf),
+            ("weights.eikonal", w.eikonal),
+            ("weights.laplacian", w.laplacian),
+            ("weights.points", w.points),
+            ("weights.pull", w.pull),
+            ("weights.cover", w.cover),
+        ] {
+            not_negative(key, f64::from(weight))?;
+        }
+        let drawn = w.deform + w.pull + w.cover + w.points;
+        let advice = "give weights.deform, weights.pull, weights.cover or weights.points a positive weight";
+        check("weights", drawn > 0.0, "nothing draws the surface to the points", advice)?;
+        let advice = "give at least one stage, such as stages = \"32:400\" (resolution:steps)";
+        check("stages", !self.stages.is_empty(), "none given", advice)?;
+        for stage in &self.stages {
+            let fits = (4..=1024).contains(&stage.resolution);
+            check("stages", fits, format!("resolution {}", stage.resolution), "use 4 to 1024 cubes")?;
+            let fits = (1..=10_000_000).contains(&stage.steps);
+            check("stages", fits, format!("{} steps", stage.steps), "use 1 to 10000000 steps")?;
+        }
+        within("stages", self.stages.len(), 1, 100)?;
+        within("band.refresh", self.band.refresh, 1, 1_000_000)?;
+        within("band.rings", self.band.rings, 0, 64)?;
+        within("batch.points", self.batch.points, 16, 1 << 24)?;
+        within("batch.centres", self.batch.centres, 16, 1 << 20)?;
+        within("surface_samples", self.surface_samples, 0, 10_000_000)?;
+        within("bsp.pretrain", self.bsp_pretrain, 0, 10_000_000)?;
+        within("start.steps", self.start.steps, 0, 10_000_000)?;
+        not_negative("clip", self.clip)?;
+        let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
+        let fits = (0.0..=1.0).contains(&self.min_component);
+        check("mesh.min_component", fits, self.min_component, advice)
+    }
+}
+
+fn check(
+    key: &str,
+    good: bool,
+    value: impl std::fmt::Display,
+    advice: impl Into<String>,
+) -> Result<(), Error> {
+    if good {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Config, format!("{value} cannot be used"))
+        .at_element(format!("option {key}"))
+        .advise(advice))
+}
+
+fn within(key: &str, value: usize, least: usize, most: usize) -> Result<(), Error> {
+    check(key, (least..=most).contains(&value), value, format!("use {least} to {most}"))
+}
+
+fn positive(key: &str, value: f32, most: f32) -> Result<(), Error> {
+    check(key, value > 0.0 && value <= most, value, format!("use a number above 0, up to {most}"))
+}
+
+fn not_negative(key: &str, value: f64) -> Result<(), Error> {
+    check(key, value >= 0.0 && value <= 1e9, value, "use a number from 0 to 1e9")
+}
+
+fn check_rate(key: &str, rate: &Schedule) -> Result<(), Error> {
+    positive(&format!("{key}.base"), rate.base, 1.0)?;
+    let decay = format!("{key}.decay");
+    match rate.decay {
+        Decay::Cosine { floor } => {
+            let advice = "use a floor from 0 to 1, such as cosine:0.05";
+            check(&decay, (0.0..=1.0).contains(&floor), floor, advice)
+        }
+        Decay::Step { every, factor } => {
+            let advice = "use step:EVERY:FACTOR with EVERY above 0 and FACTOR from 0 to 1";
+            check(&decay, every > 0 && (0.0..=1.0).contains(&factor), factor, advice)
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Preset;
+    use super::*;
+
+    #[test]
+    fn presets_are_valid_and_scaling_happens_once() {
+        for preset in Preset::ALL {
+            let config = Config::preset(preset);
+            config.validate().unwrap();
+            let usual = config.clone().for_points(300);
+            assert_eq!(usual.stages, config.stages);
+            let large = config.clone().for_points(120_610);
+            large.validate().unwrap();
+            assert!(large.bsp.reach > 0 && large.stages[0].resolution > config.stages[0].resolution);
+            assert_eq!(large.clone().for_points(120_610), large);
+        }
+    }
+
+    #[test]
+    fn bad_options_are_named() {
+        for (key, value) in [
+            ("field.width", "0"),
+            ("field.skip", "99"),
+            ("field.activation", "softplus:-1"),
+            ("bsp.channels", "63"),
+            ("bsp.sphere", "NaN"),
+            ("bsp.patch", "0"),
+            ("weights.para", "-1"),
+            ("weights.points", "inf"),
+            ("stages", "2:100"),
+            ("stages", "32:0"),
+            ("band.refresh", "0"),
+            ("batch.points", "0"),
+            ("field_rate.base", "0"),
+            ("bsp_rate.decay", "cosine:2"),
+            ("mesh.min_component", "1.5"),
+            ("clip", "NaN"),
+            ("parameterization", "multiple:1"),
+        ] {
+            let mut config = Config::preset(Preset::Default);
+            config.set(key, value).unwrap();
+            let error = config.validate().unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::Config, "{key} = {value}");
+            assert_eq!(error.element(), Some(format!("option {key}").as_str()));
+            assert!(error.advice().is_some());
+        }
+        let mut config = Config::preset(Preset::Paper);
+        config.weights.deform = 0.0;
+        assert_eq!(config.validate().unwrap_err().element(), Some("option weights"));
     }
 }

@@ -1,12 +1,13 @@
 //! One iteration of training.
 
-use super::{Config, Start, Target};
+use super::model::{Reconstruction, grid};
+use super::{Config, StartShape, Target};
 use crate::autodiff::{Gradients, Tape, Var};
-use crate::bsp::Bsp;
+use crate::bsp::{Bsp, Parameterization};
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{Field, FieldPass, GaussField, deform, fit_to_mesh};
 use crate::geometry::{
-    ActiveSet, BandTopology, Isosurface, KdTree, NarrowBandOptions, TetGrid, TriangleMesh, active_set,
+    ActiveSet, BandTopology, Isosurface, KdTree, NarrowBandOptions, Normalizer, active_set, clean_cloud,
     extract,
 };
 use crate::loss::{Direction, eikonal, surface_term};
@@ -29,6 +30,10 @@ pub struct StepReport {
     pub surf: f32,
     pub eikonal: f32,
     pub points: f32,
+    pub laplacian: f32,
+    pub pull: f32,
+    pub cover: f32,
+    pub recoveries: usize,
     pub field_rate: f32,
     pub bsp_rate: f32,
     pub gradient_norm: f64,
@@ -40,6 +45,8 @@ pub struct StepReport {
 /// Training in progress.
 pub struct Trainer {
     config: Config,
+    input: Vec<[f32; 3]>,
+    normalizer: Normalizer,
     cloud: Vec<[f32; 3]>,
     field: Field,
     bsp: Bsp,
@@ -56,31 +63,35 @@ pub struct Trainer {
     surface: Vec<[f32; 3]>,
 }
 
-/// The box that the grid covers, in the working frame.
-pub(crate) const BOX: f32 = 0.58;
-
 impl Trainer {
-    pub fn new(config: Config, cloud: Vec<[f32; 3]>) -> Result<Self, Error> {
+    /// TODO docs.
+    pub fn new(points: &[[f32; 3]], config: &Config) -> Result<Self, Error> {
+        Self::from_start(prepare(points, config)?)
+    }
+
+    pub(super) fn from_start(prepared: Prepared) -> Result<Self, Error> {
+        let Prepared { config, cloud: input, normalizer, .. } = prepared;
+        let cloud = normalizer.forward(&input);
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         let mut field = Field::new(config.field, &mut rng);
         let bsp = Bsp::new(config.bsp, &cloud, &mut rng);
         let mut pass = FieldPass::new();
-        if let Start::Gauss { width, regularity, steps } = config.start {
-            let gauss = GaussField::fit(&cloud, width, regularity, config.seed)?;
+        let start = config.start;
+        if start.shape == StartShape::Gauss {
+            let gauss = GaussField::fit(&cloud, start.width, start.regularity, config.seed)?;
             let grid = grid(48)?;
             let mut eval = |x: &[[f32; 3]]| Ok(gauss.sdf(x));
             let options = NarrowBandOptions { seeds: &cloud, ..Default::default() };
-            let mesh = keep_large(&extract(&grid, &mut eval, &options)?, 0.02);
-            let off = fit_to_mesh(&mut field, &mut pass, &mesh, steps, 2e-3, config.seed)?;
-            if std::env::var("VERBOSE").is_ok() {
-                eprintln!("start: mean distance {off}");
-            }
+            let mesh = extract(&grid, &mut eval, &options)?.keep_large(0.02);
+            fit_to_mesh(&mut field, &mut pass, &mesh, start.steps, start.rate, config.seed)?;
         }
         let adam_field = Adam::new(field.params().values(), AdamOptions::default());
         let adam_bsp = Adam::new(bsp.params().values(), AdamOptions::default());
         let total = config.stages.iter().map(|s| s.steps).sum();
         let mut t = Trainer {
             config,
+            input,
+            normalizer,
             cloud,
             field,
             bsp,
@@ -96,7 +107,7 @@ impl Trainer {
             iso: Isosurface::default(),
             surface: Vec::new(),
         };
-        if t.config.target != Target::Cloud {
+        if t.config.parameterization != Parameterization::None {
             for i in 0..t.config.bsp_pretrain {
                 t.pretrain_bsp(i);
             }
@@ -135,11 +146,11 @@ impl Trainer {
     pub fn step(&mut self) -> Result<StepReport, Error> {
         let began = Instant::now();
         let resolution = self.resolution();
-        if self.step % self.config.refresh == 0 || resolution != self.band_resolution {
+        if self.step % self.config.band.refresh == 0 || resolution != self.band_resolution {
             let grid = grid(resolution)?;
             let field = &self.field;
             let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
-            self.band = active_set(&grid, &mut eval, &self.cloud, self.config.rings)?;
+            self.band = active_set(&grid, &mut eval, &self.cloud, self.config.band.rings)?;
             self.topology = self.band.topology();
             self.band_resolution = resolution;
         }
@@ -166,11 +177,11 @@ impl Trainer {
         let vbar = tape.edge_crossing(moved, s, &self.iso.edges[..]);
         let q = tape.constant(Tensor::from_points(&self.cloud));
 
-        let train_bsp = self.config.target != Target::Cloud
+        let train_bsp = self.config.parameterization != Parameterization::None
             && self.config.bsp_every > 0
             && self.step % self.config.bsp_every == 0;
         let mut bound = None;
-        let surface = if self.config.target == Target::Cloud {
+        let surface = if self.config.parameterization == Parameterization::None {
             None
         } else if train_bsp {
             let p = self.bsp.params().bind(tape, true);
@@ -281,16 +292,46 @@ impl Trainer {
         Ok(report)
     }
 
-    pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh, Error> {
-        let grid = grid(resolution)?;
-        let mut eval = |x: &[[f32; 3]]| Ok(self.field.sdf(x));
-        let options = NarrowBandOptions { seeds: &self.cloud, ..Default::default() };
-        Ok(keep_large(&extract(&grid, &mut eval, &options)?, 0.01))
+    pub fn steps_done(&self) -> usize {
+        self.step
     }
 
-    pub fn surface_points(&self) -> &[[f32; 3]] {
-        &self.surface
+    pub fn total_steps(&self) -> usize {
+        self.total
     }
+
+    pub fn last_recovery(&self) -> Option<&str> {
+        None
+    }
+
+    pub fn finish(self) -> Reconstruction {
+        Reconstruction {
+            config: self.config,
+            normalizer: self.normalizer,
+            cloud: self.input,
+            field: self.field,
+            surface: self.surface,
+        }
+    }
+}
+
+pub(super) struct Prepared {
+    pub config: Config,
+    pub cloud: Vec<[f32; 3]>,
+    pub merged: usize,
+    pub normalizer: Normalizer,
+}
+
+pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, Error> {
+    config.validate()?;
+    let clean = clean_cloud(points)?;
+    let normalizer = Normalizer::of(&clean.points)?;
+    Ok(Prepared {
+        config: config.clone().for_points(clean.points.len()),
+        cloud: clean.points,
+        merged: clean.duplicates_merged,
+        normalizer,
+    })
 }
 
 fn sample_faces(tape: &mut Tape, vbar: Var, faces: &[[u32; 3]], count: usize, seed: u64, step: usize) -> Var {
@@ -331,18 +372,4 @@ fn sample_faces(tape: &mut Tape, vbar: Var, faces: &[[u32; 3]], count: usize, se
         });
     }
     out.expect("three corners")
-}
-
-fn grid(resolution: usize) -> Result<TetGrid, Error> {
-    TetGrid::covering([-BOX; 3], [BOX; 3], resolution, 1)
-}
-
-/// The components with at least `share` of the largest one's area.
-pub(crate) fn keep_large(mesh: &TriangleMesh, share: f64) -> TriangleMesh {
-    let parts = mesh.split_components();
-    let largest = parts.iter().map(|p| p.area).fold(0.0, f64::max);
-    let mut faces: Vec<u32> =
-        parts.into_iter().filter(|p| p.area >= share * largest).flat_map(|p| p.faces).collect();
-    faces.sort_unstable();
-    mesh.select_faces(&faces)
 }

@@ -1,0 +1,78 @@
+//! The result: a field and what comes with it, in the input's frame.
+
+use super::Config;
+use crate::error::Error;
+use crate::gdo::Field;
+use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleMesh, extract};
+
+/// Half the side of the cube that grids cover, in the working frame: the cloud reaches to 0.5.
+pub(super) const HALF_BOX: f32 = 0.58;
+
+/// The grid of this many cubes along each side.
+pub(super) fn grid(resolution: usize) -> Result<TetGrid, Error> {
+    TetGrid::covering([-HALF_BOX; 3], [HALF_BOX; 3], resolution, 1)
+}
+
+/// A signed distance field, the parameterized surface and the cloud that both come from.
+///
+/// All coordinates and distances are in the frame and units of the input points.
+#[derive(Clone, Debug)]
+pub struct Reconstruction {
+    pub(super) config: Config,
+    pub(super) normalizer: Normalizer,
+    /// Distinct points, input frame.
+    pub(super) cloud: Vec<[f32; 3]>,
+    pub(super) field: Field,
+    /// S, working frame.
+    pub(super) surface: Vec<[f32; 3]>,
+}
+
+impl Reconstruction {
+    /// Signed distances at `points` (n x 3), negative inside, in the input's unit.
+    ///
+    /// Accurate near the surface; far away only the sign and the order of magnitude are meant.
+    pub fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+        let scale = self.normalizer.scale();
+        let mut sdf = self.field.sdf(&self.normalizer.forward(points));
+        sdf.iter_mut().for_each(|s| *s = (f64::from(*s) * scale) as f32);
+        sdf
+    }
+
+    /// The gradients of [`sdf`](Self::sdf) at `points` (n x 3): outward, of about unit length, without unit.
+    pub fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        // Distance and place are scaled alike, so the slope is that of the working frame.
+        self.field.gradient(&self.normalizer.forward(points))
+    }
+
+    /// The zero level set as a closed mesh, from a grid of `resolution` cubes along each side of the cube around the
+    /// cloud. Parts below the share `mesh.min_component` of the largest part's area are left out.
+    ///
+    /// # Errors
+    /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if the field is nowhere negative on the grid,
+    /// [`ErrorKind::Config`](crate::ErrorKind::Config) for a resolution below 3 or beyond 32-bit vertex numbers,
+    /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if the field is not finite.
+    pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh, Error> {
+        let seeds = self.normalizer.forward(&self.cloud);
+        let options = NarrowBandOptions { seeds: &seeds, ..Default::default() };
+        let mut eval = |x: &[[f32; 3]]| Ok(self.field.sdf(x));
+        let mut mesh = extract(&grid(resolution)?, &mut eval, &options)?;
+        mesh = mesh.keep_large(self.config.min_component);
+        mesh.verts = self.normalizer.inverse(&mesh.verts);
+        Ok(mesh)
+    }
+
+    /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a parameterization.
+    pub fn surface_points(&self) -> Vec<[f32; 3]> {
+        self.normalizer.inverse(&self.surface)
+    }
+
+    /// The distinct points it was made from, n x 3, as given.
+    pub fn cloud(&self) -> &[[f32; 3]] {
+        &self.cloud
+    }
+
+    /// The options it was made with, adapted to the number of points.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+}

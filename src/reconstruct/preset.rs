@@ -1,0 +1,190 @@
+//! The named configurations. The numbers of `fast`, `default` and `fine` are all here.
+
+use super::config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights};
+use crate::bsp::{BspConfig, Parameterization};
+use crate::error::{Error, ErrorKind};
+use crate::gdo::{Activation, Deformation, FieldConfig};
+use crate::optim::{Decay, Schedule};
+use std::fmt;
+use std::str::FromStr;
+
+/// A named configuration.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Preset {
+    /// The paper's equations and constants, literally; slow on a CPU.
+    Paper,
+    /// A quick look.
+    Fast,
+    /// What measured best for a few hundred points within about a minute.
+    Default,
+    /// More steps on a finer grid.
+    Fine,
+}
+
+impl Preset {
+    /// All presets.
+    pub const ALL: [Preset; 4] = [Preset::Paper, Preset::Fast, Preset::Default, Preset::Fine];
+
+    /// The name: `paper`, `fast`, `default` or `fine`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Preset::Paper => "paper",
+            Preset::Fast => "fast",
+            Preset::Default => "default",
+            Preset::Fine => "fine",
+        }
+    }
+}
+
+impl fmt::Display for Preset {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl FromStr for Preset {
+    type Err = Error;
+
+    fn from_str(s: &str) -> Result<Self, Error> {
+        Preset::ALL.into_iter().find(|p| p.name() == s).ok_or_else(|| {
+            Error::new(ErrorKind::Config, format!("there is no preset {s:?}"))
+                .at_element("option preset")
+                .advise("use paper, fast, default or fine")
+        })
+    }
+}
+
+impl Config {
+    /// The options of a preset.
+    pub fn preset(preset: Preset) -> Config {
+        match preset {
+            Preset::Paper => paper(),
+            Preset::Fast => fast(),
+            Preset::Default => default(),
+            Preset::Fine => fine(),
+        }
+    }
+}
+
+impl Default for Config {
+    fn default() -> Self {
+        default()
+    }
+}
+
+/// The terms and weights of the paper; what it leaves open (rates, steps, the grid) as usual for its kind.
+fn paper() -> Config {
+    Config {
+        field: FieldConfig {
+            width: 256,
+            depth: 8,
+            octaves: 3,
+            frequency: 1.0,
+            activation: Activation::Relu,
+            skip: None,
+            radius: 0.35,
+        },
+        bsp: BspConfig { channels: 128, reach: 0, average_positions: false, ..default().bsp },
+        bsp_pretrain: 0,
+        bsp_every: 1,
+        start: Start { shape: StartShape::Sphere, ..default().start },
+        target: Target::Surface,
+        weights: Weights { para: 10.0, deform: 1.0, surf: 0.01, ..NO_WEIGHTS },
+        stages: vec![Stage { resolution: 64, steps: 2000 }],
+        band: Band { refresh: 1, rings: 1 },
+        field_rate: Schedule { base: 3e-4, warmup: 100, decay: Decay::Cosine { floor: 0.05 } },
+        bsp_rate: Schedule { base: 1e-3, warmup: 100, decay: Decay::Cosine { floor: 0.05 } },
+        min_component: 0.0,
+        ..default()
+    }
+}
+
+fn fast() -> Config {
+    Config {
+        stages: vec![Stage { resolution: 24, steps: 150 }],
+        start: Start { steps: 300, ..default().start },
+        ..default()
+    }
+}
+
+fn default() -> Config {
+    Config {
+        seed: 0,
+        scale_with_points: true,
+        field: FieldConfig {
+            width: 64,
+            depth: 4,
+            octaves: 3,
+            frequency: 2.0,
+            activation: Activation::Softplus { beta: 100.0 },
+            skip: None,
+            radius: 0.35,
+        },
+        parameterization: Parameterization::Bsp,
+        bsp: BspConfig {
+            channels: 64,
+            heads: 4,
+            neighbours: 8,
+            patch: 10,
+            sphere: 1.0,
+            reach: 12,
+            average_positions: true,
+        },
+        bsp_pretrain: 100,
+        bsp_every: 2,
+        start: Start { shape: StartShape::Gauss, width: 0.5, regularity: 0.05, steps: 400, rate: 2e-3 },
+        target: Target::SurfaceAndCloud,
+        deformation: Deformation::Projection,
+        weights: Weights {
+            para: 10.0,
+            deform: 0.1,
+            surf: 0.0,
+            eikonal: 0.001,
+            laplacian: 0.01,
+            points: 0.02,
+            pull: 0.0,
+            cover: 1.0,
+        },
+        stages: vec![Stage { resolution: 32, steps: 400 }],
+        band: Band { refresh: 4, rings: 0 },
+        batch: Batch { points: 4096, centres: 1024 },
+        surface_samples: 0,
+        field_rate: Schedule { base: 5e-4, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
+        bsp_rate: Schedule { base: 1e-3, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
+        clip: 0.0,
+        min_component: 0.01,
+    }
+}
+
+fn fine() -> Config {
+    Config {
+        field: FieldConfig { width: 128, ..default().field },
+        stages: vec![Stage { resolution: 32, steps: 400 }, Stage { resolution: 48, steps: 400 }],
+        ..default()
+    }
+}
+
+const NO_WEIGHTS: Weights = Weights {
+    para: 0.0,
+    deform: 0.0,
+    surf: 0.0,
+    eikonal: 0.0,
+    laplacian: 0.0,
+    points: 0.0,
+    pull: 0.0,
+    cover: 0.0,
+};
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_round_trip() {
+        for preset in Preset::ALL {
+            assert_eq!(preset.to_string().parse::<Preset>().unwrap(), preset);
+        }
+        let error = "best".parse::<Preset>().unwrap_err();
+        assert_eq!((error.kind(), error.element()), (ErrorKind::Config, Some("option preset")));
+    }
+}
