@@ -71,7 +71,8 @@ mod tests {
         for preset in Preset::ALL {
             let config = Config::preset(preset);
             let text = to_toml(&config);
-            let dir = std::env::temp_dir().join(format!("bijective-sdf-config-{}-{preset}", std::process::id()));
+            let dir =
+                std::env::temp_dir().join(format!("bijective-sdf-config-{}-{preset}", std::process::id()));
             std::fs::write(&dir, &text).unwrap();
             let settings = Settings { config: Some(dir.clone()), ..Settings::default() };
             let (back, _) = settings.build().unwrap();

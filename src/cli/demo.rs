@@ -58,7 +58,8 @@ struct Named {
 
 fn shape_parser() -> impl TypedValueParser<Value = Named> {
     PossibleValuesParser::new(Shape::gallery().map(|(name, _)| name)).map(|chosen| {
-        let (name, shape) = Shape::gallery().into_iter().find(|(name, _)| *name == chosen).expect("a listed name");
+        let (name, shape) =
+            Shape::gallery().into_iter().find(|(name, _)| *name == chosen).expect("a listed name");
         Named { name, shape }
     })
 }
@@ -70,7 +71,9 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     }
     let (config, preset) = args.settings.build()?;
     fs::create_dir_all(&args.out).map_err(|e| {
-        Failure::Output(Error::new(ErrorKind::Io, "cannot make the directory").in_file(&args.out).caused_by(e))
+        Failure::Output(
+            Error::new(ErrorKind::Io, "cannot make the directory").in_file(&args.out).caused_by(e),
+        )
     })?;
     let Named { name, shape } = args.shape;
     let (mut points, _) = shape.sample(args.points as usize, config.seed);
@@ -82,8 +85,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     let mesh = trained.field.mesh(args.resolution)?;
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;
-    let report =
-        evaluate(GroundTruth::Mesh(&truth), &mesh, &Options { surface: true, ..Options::shape() })?;
+    let report = evaluate(GroundTruth::Mesh(&truth), &mesh, &Options { surface: true, ..Options::shape() })?;
     let view = View { up: Axis::Z, ..View::default() };
     let image = render(&points, &mesh, &view)?;
 

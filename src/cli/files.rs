@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 
 use bijective_sdf::geometry::TriangleMesh;
 use bijective_sdf::io::{
-    Encoding, Format, PointCloud, read_cloud_bytes, read_mesh_bytes, write_atomic, write_cloud_to, write_mesh_to,
+    Encoding, Format, PointCloud, read_cloud_bytes, read_mesh_bytes, write_atomic, write_cloud_to,
+    write_mesh_to,
 };
 use bijective_sdf::{Error, ErrorKind};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -40,7 +41,8 @@ pub struct Input<'a> {
 impl<'a> Input<'a> {
     /// Reads everything; the format is the given one, else what the file name says, else left to the content.
     pub fn read(path: &'a Path, format: Option<Format>) -> Result<Self, Failure> {
-        let failed = |e| Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e));
+        let failed =
+            |e| Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e));
         if is_pipe(path) {
             let mut bytes = Vec::new();
             io::stdin().lock().read_to_end(&mut bytes).map_err(|e| {
@@ -93,7 +95,12 @@ pub struct Output {
 
 impl Output {
     /// Decides on the format and checks that the file can be there.
-    pub fn new(path: &Path, format: Option<Format>, ascii: bool, allowed: &[Format]) -> Result<Self, Failure> {
+    pub fn new(
+        path: &Path,
+        format: Option<Format>,
+        ascii: bool,
+        allowed: &[Format],
+    ) -> Result<Self, Failure> {
         let names = || allowed.iter().map(|f| f.name()).collect::<Vec<_>>().join(", ");
         let format = match format.or_else(|| Format::from_path(path)) {
             Some(format) if allowed.contains(&format) => format,

@@ -7,11 +7,11 @@ use bijective_sdf::geometry::{Bounds, KdTree, Normalizer, TriangleMesh, clean_cl
 use bijective_sdf::io::{Format, PointCloud};
 use clap::Args;
 
+use super::Common;
 use super::failure::Failure;
 use super::files::{Content, Input, format_parser, print};
 use super::json::{Object, list, number, quoted};
 use super::report::{bounds_text, gate, topology_json, topology_text};
-use super::{Common, files};
 
 /// Arguments of `info`.
 #[derive(Debug, Args)]
@@ -31,18 +31,14 @@ pub struct InfoArgs {
 
 /// Describes a file.
 pub fn run(args: &InfoArgs, common: Common) -> Result<(), Failure> {
-    let input = files::Input::read(&args.file, args.format)?;
-    match content(&input)? {
+    let input = Input::read(&args.file, args.format)?;
+    match input.content()? {
         Content::Mesh(mesh) => describe_mesh(&mesh, args),
         Content::Cloud(cloud) => {
             cloud.notices.iter().for_each(|n| common.note(n));
             describe_cloud(&cloud, args)
         }
     }
-}
-
-fn content(input: &Input<'_>) -> Result<Content, Failure> {
-    input.content()
 }
 
 fn describe_mesh(mesh: &TriangleMesh, args: &InfoArgs) -> Result<(), Failure> {
@@ -114,7 +110,8 @@ pub fn spacing(points: &[[f32; 3]]) -> Option<[f64; 3]> {
         .zip(&unit)
         .map(|(pair, p)| {
             // Of two points at one place either may come first.
-            let to = |i: u32| (0..3).map(|a| f64::from(p[a] - unit[i as usize][a]).powi(2)).sum::<f64>().sqrt();
+            let to =
+                |i: u32| (0..3).map(|a| f64::from(p[a] - unit[i as usize][a]).powi(2)).sum::<f64>().sqrt();
             to(pair[0]).max(to(pair[1])) * frame.scale()
         })
         .collect();

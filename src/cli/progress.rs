@@ -17,6 +17,8 @@ pub struct Progress {
     began: Instant,
     /// Steps that an earlier run made.
     before: usize,
+    total: usize,
+    recoveries: usize,
 }
 
 enum Shown {
@@ -31,7 +33,8 @@ impl Progress {
         let shown = if quiet {
             Shown::Nothing
         } else if io::stderr().is_terminal() {
-            let bar = ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(8));
+            let bar =
+                ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(8));
             let style = ProgressStyle::with_template("{bar:24} {pos}/{len}  {msg}")
                 .expect("a valid template")
                 .progress_chars("=> ");
@@ -41,27 +44,28 @@ impl Progress {
         } else {
             Shown::Lines { last: None }
         };
-        Progress { shown, began: Instant::now(), before }
+        Progress { shown, began: Instant::now(), before, total, recoveries: 0 }
     }
 
-    /// Shows a step that was made.
-    pub fn step(&mut self, report: &StepReport) {
-        let done = report.step;
+    /// Shows a step, after which `done` steps of the whole training are made.
+    pub fn step(&mut self, done: usize, report: &StepReport) {
+        if report.recoveries > self.recoveries {
+            self.recoveries = report.recoveries;
+            self.note("training went wrong and goes on from an earlier state with smaller steps");
+        }
+        let text = self.describe(done, report);
         match &mut self.shown {
             Shown::Nothing => {}
             Shown::Lines { last } => {
-                let due = last.is_none_or(|t| t.elapsed() >= PAUSE) || done == report.total;
+                let due = last.is_none_or(|t| t.elapsed() >= PAUSE) || done == self.total;
                 if due {
                     *last = Some(Instant::now());
-                    say(&format!("step {done}/{}  {}", report.total, self.describe(report)));
+                    say(&format!("step {done}/{}  {text}", self.total));
                 }
             }
             Shown::Bar(bar) => {
                 bar.set_position(done as u64);
-                let text = self.describe(report);
-                if let Shown::Bar(bar) = &self.shown {
-                    bar.set_message(text);
-                }
+                bar.set_message(text);
             }
         }
     }
@@ -82,9 +86,9 @@ impl Progress {
         }
     }
 
-    fn describe(&self, r: &StepReport) -> String {
-        let made = r.step.saturating_sub(self.before).max(1) as f64;
-        let left = self.began.elapsed().as_secs_f64() / made * (r.total.saturating_sub(r.step)) as f64;
+    fn describe(&self, done: usize, r: &StepReport) -> String {
+        let made = done.saturating_sub(self.before).max(1) as f64;
+        let left = self.began.elapsed().as_secs_f64() / made * self.total.saturating_sub(done) as f64;
         format!(
             "grid {}  loss {:.2e}  para {:.2e}  deform {:.2e}  surf {:.2e}  {} left",
             r.resolution,

@@ -85,10 +85,7 @@ pub fn topology_text(t: &Topology) -> String {
 
 /// Two corners of a box in text.
 pub fn bounds_text(low: [f32; 3], high: [f32; 3]) -> String {
-    format!(
-        "from        {} {} {}\nto          {} {} {}\n",
-        low[0], low[1], low[2], high[0], high[1], high[2]
-    )
+    format!("from        {} {} {}\nto          {} {} {}\n", low[0], low[1], low[2], high[0], high[1], high[2])
 }
 
 /// A report as a JSON object.
@@ -127,14 +124,11 @@ fn metrics_json(m: &Metrics, ntps: bool) -> String {
 
 /// A report as a table: prediction, sampling floor and distances to the true triangles side by side.
 pub fn report_text(r: &Report, ntps: bool) -> String {
-    let columns: Vec<(&str, &Metrics)> = [
-        ("measured", Some(&r.metrics)),
-        ("floor", r.floor.as_ref()),
-        ("to triangles", r.surface.as_ref()),
-    ]
-    .into_iter()
-    .filter_map(|(name, m)| m.map(|m| (name, m)))
-    .collect();
+    let columns: Vec<(&str, &Metrics)> =
+        [("measured", Some(&r.metrics)), ("floor", r.floor.as_ref()), ("to triangles", r.surface.as_ref())]
+            .into_iter()
+            .filter_map(|(name, m)| m.map(|m| (name, m)))
+            .collect();
     type Row = (String, fn(&Metrics) -> Option<f64>);
     let tau = r.metrics.tau;
     let mut rows: Vec<Row> = vec![

@@ -60,7 +60,9 @@ impl Settings {
         }
         for pair in &self.set {
             let (key, value) = pair.split_once('=').ok_or_else(|| {
-                Failure::Usage(format!("--set {pair}: `key=value` expected; `bijective-sdf config` lists the keys"))
+                Failure::Usage(format!(
+                    "--set {pair}: `key=value` expected; `bijective-sdf config` lists the keys"
+                ))
             })?;
             config.set(key.trim(), value.trim())?;
         }
@@ -84,7 +86,9 @@ fn named_preset(value: &Value) -> Result<Preset, Error> {
 
 fn parse(text: &str) -> Result<Table, Error> {
     text.parse::<Table>().map_err(|e| {
-        let line = e.span().map(|s| 1 + text.as_bytes()[..s.start.min(text.len())].iter().filter(|&&b| b == b'\n').count());
+        let line = e
+            .span()
+            .map(|s| 1 + text.as_bytes()[..s.start.min(text.len())].iter().filter(|&&b| b == b'\n').count());
         let error = Error::new(ErrorKind::Config, format!("not TOML: {}", e.message()))
             .advise("`bijective-sdf config` prints a file to start from");
         match line {

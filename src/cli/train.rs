@@ -63,7 +63,7 @@ pub fn train(
     let mut timed_out = false;
     while !trainer.is_done() {
         let report = trainer.step()?;
-        progress.step(&report);
+        progress.step(trainer.steps_done(), &report);
         last = Some(report);
         if interrupt.is_some_and(Interrupt::asked) {
             break;
@@ -93,7 +93,8 @@ pub fn train(
 
 fn interrupted(trainer: &Trainer, plan: &Plan) -> Result<Failure, Failure> {
     let at = format!("after step {} of {}", trainer.steps_done(), trainer.total_steps());
-    let path: Option<&Path> = plan.checkpoint.as_ref().map(|(p, _)| p.as_path()).or(plan.on_interrupt.as_deref());
+    let path: Option<&Path> =
+        plan.checkpoint.as_ref().map(|(p, _)| p.as_path()).or(plan.on_interrupt.as_deref());
     Ok(Failure::Interrupted(match path {
         Some(path) => {
             trainer.save_checkpoint(path).map_err(Failure::Output)?;

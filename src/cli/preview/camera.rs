@@ -15,13 +15,16 @@ pub struct Camera {
     zoom: f64,
     /// Where `x / depth` and `y / depth` are 0, in samples.
     centre: [f64; 2],
+    /// Least and greatest depth of the scene.
+    depths: [f32; 2],
     size: usize,
 }
 
 impl Camera {
     /// The camera that gets all of `scene` (n x 3, around the origin, about 1 long) on a square of `size` samples.
     pub fn around(scene: &[[f32; 3]], view: &View, size: usize) -> Self {
-        let (around, above) = (view.angles.around.to_radians(), view.angles.above.clamp(-89.0, 89.0).to_radians());
+        let (around, above) =
+            (view.angles.around.to_radians(), view.angles.above.clamp(-89.0, 89.0).to_radians());
         // The two level axes follow the upward one in cyclic order, so that no view is mirrored.
         let up_axis = match view.up {
             Axis::X => 0,
@@ -38,12 +41,13 @@ impl Camera {
         let back = place(above.cos() * around.cos(), above.cos() * around.sin(), above.sin());
         let right = place(-around.sin(), around.cos(), 0.0);
         let up = cross(back, right);
-        let mut camera = Camera { axes: [right, up, back], zoom: 1.0, centre: [0.0; 2], size };
+        let mut camera =
+            Camera { axes: [right, up, back], zoom: 1.0, centre: [0.0; 2], depths: [0.0, 1.0], size };
 
-        let (mut low, mut high) = ([f64::INFINITY; 2], [f64::NEG_INFINITY; 2]);
+        let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
         for &p in scene {
             let [x, y, depth] = camera.view(p).map(f64::from);
-            for (a, at) in [x / depth, y / depth].into_iter().enumerate() {
+            for (a, at) in [x / depth, y / depth, depth].into_iter().enumerate() {
                 low[a] = low[a].min(at);
                 high[a] = high[a].max(at);
             }
@@ -51,11 +55,16 @@ impl Camera {
         let extent = (high[0] - low[0]).max(high[1] - low[1]).max(1e-6);
         camera.zoom = size as f64 * (1.0 - 2.0 * MARGIN) / extent;
         let half = 0.5 * size as f64;
-        camera.centre = [
-            half - camera.zoom * 0.5 * (low[0] + high[0]),
-            half + camera.zoom * 0.5 * (low[1] + high[1]),
-        ];
+        camera.centre =
+            [half - camera.zoom * 0.5 * (low[0] + high[0]), half + camera.zoom * 0.5 * (low[1] + high[1])];
+        camera.depths = [low[2] as f32, high[2] as f32];
         camera
+    }
+
+    /// How far back in the scene a depth is, from 0 to 1.
+    pub fn backness(&self, depth: f32) -> f32 {
+        let [near, far] = self.depths;
+        ((depth - near) / (far - near).max(1e-6)).clamp(0.0, 1.0)
     }
 
     /// A point in the camera's coordinates: right, up, and depth in front of it.
@@ -95,9 +104,6 @@ impl Camera {
         self.axes.map(|a| a[0] * p[0] + a[1] * p[1] + a[2] * p[2])
     }
 }
-
-/// The least and greatest depth that a scene of length 1 around the origin has.
-pub const DEPTHS: [f32; 2] = [DISTANCE as f32 - 0.6, DISTANCE as f32 + 0.6];
 
 fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]

@@ -16,7 +16,7 @@ mod shade;
 use super::failure::Failure;
 use super::info::spacing;
 use camera::Camera;
-use raster::{Buffer, Material};
+use raster::Buffer;
 
 /// Width and height of each of the two panels, in pixels.
 const PANEL: usize = 640;
@@ -175,9 +175,7 @@ mod tests {
         assert!(r > b, "the back is red");
         assert_eq!(image.rgb[..3 * PANEL], inside_out.rgb[..3 * PANEL]);
         let drawn = |from: usize| {
-            (0..PANEL * PANEL)
-                .filter(|i| pixel(&image, from + i % PANEL, i / PANEL)[0] < 220)
-                .count() as f64
+            (0..PANEL * PANEL).filter(|i| pixel(&image, from + i % PANEL, i / PANEL)[0] < 220).count() as f64
         };
         let share = drawn(PANEL) / (PANEL * PANEL) as f64;
         assert!((0.5..0.75).contains(&share), "{share} of the panel");

@@ -30,7 +30,12 @@ impl Buffer {
     /// An empty picture of `size` x `size` samples.
     pub fn new(size: usize) -> Self {
         let n = size * size;
-        Buffer { size, depth: vec![f32::INFINITY; n], normal: vec![[0.0; 3]; n], material: vec![Material::Background; n] }
+        Buffer {
+            size,
+            depth: vec![f32::INFINITY; n],
+            normal: vec![[0.0; 3]; n],
+            material: vec![Material::Background; n],
+        }
     }
 
     /// Draws a ball.

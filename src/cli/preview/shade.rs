@@ -2,7 +2,7 @@
 
 use rayon::prelude::*;
 
-use super::camera::{Camera, DEPTHS};
+use super::camera::Camera;
 use super::raster::{Buffer, Material};
 
 /// Directions to the lights in the camera's coordinates, with their strengths.
@@ -43,7 +43,7 @@ fn sample(buffer: &Buffer, camera: &Camera, x: usize, y: usize) -> [f32; 3] {
         Material::Background => return background,
         Material::Front => (srgb(120, 164, 214), 0.16),
         Material::Back => (srgb(222, 92, 76), 0.05),
-        Material::Ball => (srgb(38, 70, 120), 0.10),
+        Material::Ball => (srgb(44, 92, 168), 0.10),
     };
     let n = buffer.normal[i];
     let depth = buffer.depth[i];
@@ -56,7 +56,7 @@ fn sample(buffer: &Buffer, camera: &Camera, x: usize, y: usize) -> [f32; 3] {
     let shine = gloss * dot(n, half).max(0.0).powi(40) * open;
     // Points have no surface to hide what is behind, so distance is shown by paleness.
     let haze = match buffer.material[i] {
-        Material::Ball => 0.72 * ((depth - DEPTHS[0]) / (DEPTHS[1] - DEPTHS[0])).clamp(0.0, 1.0),
+        Material::Ball => 0.8 * camera.backness(depth),
         _ => 0.0,
     };
     std::array::from_fn(|c| (base[c] * light + shine) * (1.0 - haze) + background[c] * haze)
@@ -74,7 +74,8 @@ fn hidden(buffer: &Buffer, camera: &Camera, x: usize, y: usize) -> f32 {
     let p = camera.unscreen(middle(x), middle(y), depth);
     let reach = SHADOW * camera.scale_at(depth);
     // The spiral of each sample is turned by its own angle; averaging the samples of a pixel hides the pattern.
-    let turn = std::f32::consts::TAU * (52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract()).fract();
+    let turn = std::f32::consts::TAU
+        * (52.982_918 * (0.067_110_56 * x as f32 + 0.005_837_15 * y as f32).fract()).fract();
     let mut sum = 0.0;
     for k in 0..RAYS {
         let r = ((k as f32 + 0.5) / RAYS as f32).sqrt() * reach;
@@ -94,7 +95,7 @@ fn hidden(buffer: &Buffer, camera: &Camera, x: usize, y: usize) -> f32 {
         let v = [q[0] - p[0], q[1] - p[1], p[2] - q[2]];
         let len_sq = dot(v, v);
         if len_sq < SHADOW * SHADOW * 4.0 {
-            sum += (dot(v, n) - 0.002).max(0.0) / (len_sq + 1e-4);
+            sum += (dot(v, n) - 0.08 * len_sq.sqrt()).max(0.0) / (len_sq + 1e-4);
         }
     }
     (1.1 * SHADOW * sum / RAYS as f32 * 2.0).min(0.85)
