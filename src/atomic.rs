@@ -8,7 +8,8 @@ use crate::{Error, ErrorKind};
 
 /// Writes a file so that a failure at any moment leaves the old file, or none, in its place.
 ///
-/// The bytes go to a temporary file in the same directory, which is flushed to the disk and then renamed. A path that
+/// The bytes go to a temporary file in the same directory, which is flushed to the disk and then renamed; then the
+/// directory is flushed, too, so that the new name survives a loss of power. A path that
 /// names something other than a regular file, such as a pipe or a device, is written to directly.
 ///
 /// # Errors
@@ -40,7 +41,17 @@ pub fn write_atomic(
     let file = out.into_inner().map_err(|e| failed(e.into_error()))?;
     file.sync_all().map_err(failed)?;
     drop(file);
-    temporary.rename_to(&target).map_err(failed)
+    temporary.rename_to(&target).map_err(failed)?;
+    sync_directory(&target).map_err(failed)
+}
+
+/// Flushes the directory of a file; only Unix lets a directory be opened for that.
+fn sync_directory(target: &Path) -> io::Result<()> {
+    let directory = match target.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() => parent,
+        _ => Path::new("."),
+    };
+    if cfg!(unix) { File::open(directory)?.sync_all() } else { Ok(()) }
 }
 
 /// A temporary file that removes itself unless it is renamed.

@@ -16,27 +16,26 @@ pub struct Canonical {
     attention: PointTransformer,
     norm: LayerNorm,
     head: Mlp,
-    neighbours: Arc<[u32]>,
 }
 
 impl Canonical {
-    /// A map with c channels for a cloud whose point i has the neighbours `neighbours[i k .. (i + 1) k]`.
-    pub fn new(scope: &mut Scope<'_>, c: usize, neighbours: Arc<[u32]>, rng: &mut ChaCha8Rng) -> Self {
+    /// A map with c channels.
+    pub fn new(scope: &mut Scope<'_>, c: usize, rng: &mut ChaCha8Rng) -> Self {
         Canonical {
             attention: PointTransformer::new(&mut scope.scope("attention"), 3, c, rng),
             norm: LayerNorm::new(&mut scope.scope("norm"), c),
             head: Mlp::new(&mut scope.scope("head"), &[c, (c / 2).max(1), 3], Activation::Relu, rng),
-            neighbours,
         }
     }
 
-    /// Features (n x c) and codes (n x 3) of the points (n x 3).
+    /// Features (n x c) and codes (n x 3) of the points (n x 3); point i has the neighbours
+    /// `neighbours[i k .. (i + 1) k]`.
     ///
     /// # Panics
     /// If the neighbours are not those of n points.
     #[track_caller]
-    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var) -> (Var, Var) {
-        let features = self.attention.forward(tape, p, points, points, self.neighbours.clone());
+    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var, neighbours: Arc<[u32]>) -> (Var, Var) {
+        let features = self.attention.forward(tape, p, points, points, neighbours);
         let features = self.norm.forward(tape, p, features);
         let features = tape.relu(features);
         let head = self.head.forward(tape, p, features);

@@ -12,7 +12,7 @@ use std::sync::Arc;
 /// With `average_positions`, s is the average of the attended points' positions under the attention's own weights, plus the
 /// perceptron's output times the mean spacing of the cloud: the surface starts among the points instead of anywhere.
 ///
-/// Shapes: features n x c, points n x 3, patches (n M) x 3 to (n M) x 3. Parameters: `query` and `memory` (c to c to c),
+/// Shapes: features c x channels, points c x 3, patches (b M) x 3 to (b M) x 3. Parameters: `query` and `memory` (to c and c channels),
 /// `block` (the decoder block), `out` (c to c to c to 3). The frequencies of the code embedding are fixed.
 #[derive(Clone, Debug)]
 pub struct Inverse {
@@ -22,26 +22,17 @@ pub struct Inverse {
     block: DecoderBlock,
     out: Mlp,
     patch: usize,
-    /// The points that each centre's patch attends to, n k; `None` for all.
-    reach: Option<Arc<[u32]>>,
     average_positions: bool,
     spacing: f32,
 }
 
 impl Inverse {
-    /// A map for the cloud `points`; `reach` lists the points that the patch of each point attends to (n k, point by
-    /// point), or `None` for all.
+    /// A map for the cloud `points`, which give the scale of the offsets.
     ///
     /// # Panics
     /// If the channels are odd or not a multiple of the heads.
     #[track_caller]
-    pub fn new(
-        scope: &mut Scope<'_>,
-        config: &BspConfig,
-        points: &[[f32; 3]],
-        reach: Option<Arc<[u32]>>,
-        rng: &mut ChaCha8Rng,
-    ) -> Self {
+    pub fn new(scope: &mut Scope<'_>, config: &BspConfig, points: &[[f32; 3]], rng: &mut ChaCha8Rng) -> Self {
         let c = config.channels;
         let sizes =
             DecoderSizes { channels: c, memory: c, heads: config.heads, hidden: c, self_attention: false };
@@ -52,34 +43,32 @@ impl Inverse {
             block: DecoderBlock::new(&mut scope.scope("block"), sizes, rng),
             out: Mlp::new(&mut scope.scope("out"), &[c, c, c, 3], Activation::Relu, rng),
             patch: config.patch,
-            reach: None,
             average_positions: config.average_positions,
             spacing: mean_spacing(points),
         }
-        .with_reach(reach)
     }
 
-    fn with_reach(mut self, reach: Option<Arc<[u32]>>) -> Self {
-        self.set_reach(reach);
-        self
-    }
-
-    /// Changes which points the patches attend to.
-    pub(super) fn set_reach(&mut self, reach: Option<Arc<[u32]>>) {
-        self.reach = reach;
-    }
-
-    /// The surface S, (n M) x 3.
+    /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (c x channels) and positions
+    /// (c x 3) of a context; `reach` lists the rows of the context that each centre's patch attends to (b r), or
+    /// `None` for all.
     ///
     /// # Panics
     /// If the shapes do not fit.
     #[track_caller]
-    pub fn forward(&self, tape: &mut Tape, p: &Bound, features: Var, points: Var, patches: Var) -> Var {
-        let reach = match &self.reach {
+    pub fn forward(
+        &self,
+        tape: &mut Tape,
+        p: &Bound,
+        features: Var,
+        points: Var,
+        patches: Var,
+        reach: Option<&Arc<[u32]>>,
+    ) -> Var {
+        let reach = match reach {
             None => Reach::All,
             Some(nearest) => {
-                let n = tape.value(points).rows();
-                let k = nearest.len() / n;
+                let centres = tape.value(patches).rows() / self.patch;
+                let k = nearest.len() / centres;
                 // Every code of a patch attends to what its centre does.
                 let rows = nearest.chunks_exact(k).flat_map(|row| std::iter::repeat_n(row, self.patch));
                 Reach::Nearest { index: rows.flatten().copied().collect(), k }
@@ -129,14 +118,14 @@ mod tests {
         let nearest: Arc<[u32]> = crate::geometry::KdTree::new(&points).k_nearest(&points, 4).into();
         let mut params = Params::new();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
-        let psi = Inverse::new(&mut params.scope("psi"), &config, &points, Some(nearest), &mut rng);
+        let psi = Inverse::new(&mut params.scope("psi"), &config, &points, &mut rng);
         let mut tape = Tape::new();
         let p = params.bind(&mut tape, false);
         let features = tape.constant(crate::ops::testing::normal(&[60, 8], 1));
         let q = tape.constant(Tensor::from_points(&points));
         let codes: Vec<[f32; 3]> = points.iter().flat_map(|&u| [u; 3]).collect();
         let codes = tape.constant(Tensor::from_points(&codes));
-        let s = psi.forward(&mut tape, &p, features, q, codes);
+        let s = psi.forward(&mut tape, &p, features, q, codes, Some(&nearest));
         for (i, s) in tape.value(s).to_points().iter().enumerate() {
             let centre = points[i / 3];
             let distance = (0..3).map(|d| (s[d] - centre[d]).powi(2)).sum::<f32>().sqrt();

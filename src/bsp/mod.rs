@@ -1,19 +1,23 @@
 //! Bijective surface parameterization: the cloud is mapped to codes on the unit sphere (Phi), each code gets a patch
 //! of neighbouring codes, and the patches are mapped back to space (Psi) as a denser surface S.
 
+mod atlas;
 mod canonical;
 mod inverse;
+mod neighbourhood;
 mod patch;
+mod surface_map;
 
+pub use atlas::Atlas;
 pub use canonical::Canonical;
 pub use inverse::Inverse;
+pub use neighbourhood::Neighbourhood;
 pub use patch::PatchSampler;
+pub use surface_map::{Parameterization, SurfaceMap};
 
 use crate::autodiff::{Tape, Var};
-use crate::geometry::KdTree;
 use crate::nn::{Bound, Params};
 use rand::rngs::ChaCha8Rng;
-use std::sync::Arc;
 
 /// The sizes of the parameterization.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -37,6 +41,24 @@ pub struct BspConfig {
     pub average_positions: bool,
 }
 
+impl Default for BspConfig {
+    /// The paper's patch and neighbours, local attention over positions.
+    fn default() -> Self {
+        BspConfig {
+            channels: 64,
+            heads: 4,
+            neighbours: 8,
+            patch: 10,
+            sphere: 1.0,
+            reach: 12,
+            average_positions: true,
+        }
+    }
+}
+
+/// Codes on the sphere, at most.
+const MAX_CODES: usize = 1 << 24;
+
 /// The two maps with their parameters, for one cloud.
 #[derive(Clone, Debug)]
 pub struct Bsp {
@@ -47,30 +69,14 @@ pub struct Bsp {
     inverse: Inverse,
 }
 
-/// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Parameterization {
-    /// Bijective surface parameterization: local patches on the sphere.
-    Bsp,
-    /// No S, the cloud stands for itself ("Sparse").
-    None,
-    /// One perceptron from the sphere to space ("Single").
-    Single,
-    /// Several perceptrons, each from a square of its own to space ("Multiple"; AtlasNet).
-    Multiple {
-        /// How many.
-        maps: usize,
-    },
-}
-
 /// What a forward pass puts on the tape.
 #[derive(Clone, Copy, Debug)]
 pub struct BspOutput {
-    /// The codes of the points on the unit sphere, N x 3.
+    /// The codes of the b centres on the unit sphere, b x 3.
     pub codes: Var,
-    /// The codes of all patches on the unit sphere, (N M) x 3, patch by patch.
+    /// The codes of their patches on the unit sphere, (b M) x 3, patch by patch.
     pub patches: Var,
-    /// The parameterized surface S, (N M) x 3, in the working frame.
+    /// Their part of the parameterized surface S, (b M) x 3, in the working frame.
     pub surface: Var,
 }
 
@@ -82,15 +88,11 @@ impl Bsp {
     #[track_caller]
     pub fn new(config: BspConfig, points: &[[f32; 3]], rng: &mut ChaCha8Rng) -> Self {
         let n = points.len();
-        let tree = KdTree::new(points);
-        let nearest = |k: usize| -> Arc<[u32]> { tree.k_nearest(points, k.clamp(1, n)).into() };
         let mut params = Params::new();
-        let canonical =
-            Canonical::new(&mut params.scope("phi"), config.channels, nearest(config.neighbours), rng);
-        let codes = (config.sphere * (n * config.patch) as f32).ceil() as usize;
-        let sampler = PatchSampler::new(codes.max(config.patch), config.patch);
-        let reach = (config.reach > 0 && config.reach < n).then(|| nearest(config.reach));
-        let inverse = Inverse::new(&mut params.scope("psi"), &config, points, reach, rng);
+        let canonical = Canonical::new(&mut params.scope("phi"), config.channels, rng);
+        let codes = (f64::from(config.sphere) * n as f64 * config.patch as f64).ceil() as usize;
+        let sampler = PatchSampler::new(codes.clamp(config.patch, MAX_CODES), config.patch);
+        let inverse = Inverse::new(&mut params.scope("psi"), &config, points, rng);
         Bsp { config, params, canonical, sampler, inverse }
     }
 
@@ -109,15 +111,17 @@ impl Bsp {
         &mut self.params
     }
 
-    /// Codes, patches and the surface S of the cloud `points` (n x 3, on the tape).
+    /// Codes, patches and surface of the centres of a block; `context` (c x 3) holds the points of `block.context()`.
     ///
     /// # Panics
-    /// If `points` is not the cloud the maps were made for.
+    /// If `context` does not fit the block.
     #[track_caller]
-    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var) -> BspOutput {
-        let (features, codes) = self.canonical.forward(tape, p, points);
+    pub fn forward(&self, tape: &mut Tape, p: &Bound, context: Var, block: &Neighbourhood) -> BspOutput {
+        let (features, codes) = self.canonical.forward(tape, p, context, block.neighbours());
+        let b = block.centres().len();
+        let codes = if b < block.context().len() { tape.slice_rows(codes, 0..b) } else { codes };
         let patches = self.sampler.forward(tape, codes);
-        let surface = self.inverse.forward(tape, p, features, points, patches);
+        let surface = self.inverse.forward(tape, p, features, context, patches, block.reach());
         BspOutput { codes, patches, surface }
     }
 }
@@ -140,11 +144,12 @@ mod tests {
         let points = cloud.to_points();
         for (reach, average) in [(0, false), (0, true), (4, false), (4, true)] {
             let bsp = Bsp::new(small(reach, average), &points, &mut ChaCha8Rng::seed_from_u64(2));
+            let whole = Neighbourhood::whole(&points, bsp.config());
             let inputs: Vec<Tensor> = bsp.params.values().iter().map(|v| (**v).clone()).collect();
             let compared = check(
                 |t, x| {
                     let q = t.constant(cloud.clone());
-                    let out = bsp.forward(t, &Bound::new(x.to_vec()), q);
+                    let out = bsp.forward(t, &Bound::new(x.to_vec()), q, &whole);
                     t.concat_cols([out.surface, out.patches])
                 },
                 &inputs,
@@ -155,7 +160,7 @@ mod tests {
             let mut tape = Tape::new();
             let p = bsp.params.bind(&mut tape, true);
             let q = tape.constant(cloud.clone());
-            let out = bsp.forward(&mut tape, &p, q);
+            let out = bsp.forward(&mut tape, &p, q, &whole);
             let loss = tape.chamfer(out.surface, q, Direction::BOTH);
             let gradients = p.collect(&mut tape.backward(loss));
             // A softmax ignores what shifts all its scores alike.
@@ -176,16 +181,16 @@ mod tests {
         let surfaces: Vec<Vec<f32>> = [0, 6]
             .iter()
             .map(|&reach| {
-                let mut bsp = Bsp::new(small(reach, true), &points, &mut ChaCha8Rng::seed_from_u64(2));
+                let bsp = Bsp::new(small(reach, true), &points, &mut ChaCha8Rng::seed_from_u64(2));
+                let mut whole = Neighbourhood::whole(&points, bsp.config());
                 if reach > 0 {
                     // All seven, though a reach of n is otherwise taken as global.
-                    let all = KdTree::new(&points).k_nearest(&points, 7);
-                    bsp.inverse.set_reach(Some(all.into()));
+                    whole.attend_to_all(&points);
                 }
                 let mut tape = Tape::new();
                 let p = bsp.params.bind(&mut tape, false);
                 let q = tape.constant(cloud.clone());
-                let out = bsp.forward(&mut tape, &p, q);
+                let out = bsp.forward(&mut tape, &p, q, &whole);
                 tape.value(out.surface).data().to_vec()
             })
             .collect();

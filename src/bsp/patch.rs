@@ -11,7 +11,7 @@ use std::sync::Arc;
 /// so its head never learns.
 #[derive(Clone, Debug)]
 pub struct PatchSampler {
-    sphere: Vec<[f32; 3]>,
+    sphere: Arc<[[f32; 3]]>,
     tree: Arc<KdTree>,
     patch: usize,
 }
@@ -26,19 +26,19 @@ impl PatchSampler {
         assert!(patch > 0 && patch <= codes, "patches of {patch} on a sphere of {codes} codes");
         let sphere = fibonacci_sphere(codes);
         let tree = Arc::new(KdTree::new(&sphere));
-        PatchSampler { sphere, tree, patch }
+        PatchSampler { sphere: sphere.into(), tree, patch }
     }
 
     /// Codes u (n x 3, unit length) to patches ((n M) x 3, unit length), patch by patch, nearest first.
     ///
-    /// Gradient: to u, through the centre of the patch; which codes are nearest is constant.
-    ///
-    /// # Panics
-    /// If u is not finite.
-    #[track_caller]
+    /// Gradient: to u, through the centre of the patch; which codes are nearest is constant. A code that is not finite
+    /// gives a patch that is not.
     pub fn forward(&self, tape: &mut Tape, u: Var) -> Var {
         let centres = tape.value(u).to_points();
-        let chosen = self.tree.k_nearest(&centres, self.patch);
+        // The search refuses what is not finite; the steps below carry it on, to where the loss is checked.
+        let finite = |u: &[f32; 3]| if u.iter().all(|x| x.is_finite()) { *u } else { [0.0, 0.0, 1.0] };
+        let places: Vec<[f32; 3]> = centres.iter().map(finite).collect();
+        let chosen = self.tree.k_nearest(&places, self.patch);
         // c - stop(u): what leads from the centre to the code.
         let step = |(i, &c): (usize, &u32)| {
             let (c, u) = (self.sphere[c as usize], centres[i / self.patch]);
@@ -78,5 +78,15 @@ mod tests {
         let first = tape.slice_cols(loss, 0..1);
         let loss = tape.sum(first);
         assert!(tape.backward(loss).get(raw).unwrap().data().iter().any(|g| g.abs() > 1e-3));
+    }
+
+    #[test]
+    fn a_code_that_is_not_finite_gives_a_patch_that_is_not() {
+        let sampler = PatchSampler::new(20, 3);
+        let mut tape = Tape::new();
+        let u = tape.constant(Tensor::from_points(&[[f32::NAN; 3], [1.0, 0.0, 0.0]]));
+        let patches = sampler.forward(&mut tape, u);
+        let rows = tape.value(patches).to_points();
+        assert!(rows[..3].iter().all(|p| p[0].is_nan()) && rows[3..].iter().flatten().all(|x| x.is_finite()));
     }
 }

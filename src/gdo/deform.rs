@@ -1,5 +1,6 @@
 //! Moving the grid's vertices along the field (equation 4 of the paper).
 
+use super::FieldVars;
 use crate::autodiff::{Tape, Var};
 
 /// How a vertex V moves, given g(V) and n = grad g / |grad g|.
@@ -17,19 +18,25 @@ pub enum Deformation {
     None,
 }
 
-/// The moved vertices; `verts` v x 3, `sdf` v x 1 and `gradient` v x 3 to v x 3, in the working frame.
+/// The moved vertices; `verts` v x 3 and the field there to v x 3, in the working frame.
 ///
-/// Gradient: to all three; smooth except where `gradient` is 0, where its direction counts as 0.
+/// Gradient: to all that enter; smooth except where the field's gradient is 0, where its direction counts as 0.
 ///
 /// # Panics
-/// If the shapes do not fit.
+/// If the shapes do not fit, or the field has no offset to move by.
 #[track_caller]
-pub fn deform(tape: &mut Tape, how: Deformation, verts: Var, sdf: Var, gradient: Var) -> Var {
-    if how == Deformation::None {
-        return verts;
-    }
-    let normal = tape.normalize_rows(gradient);
-    let step = tape.mul(normal, sdf);
+pub fn deform(tape: &mut Tape, how: Deformation, verts: Var, field: &FieldVars) -> Var {
+    let step = match how {
+        Deformation::None => return verts,
+        Deformation::Offset => {
+            let offset = field.offset.expect("deform: a field made with an offset");
+            return tape.add(verts, offset);
+        }
+        Deformation::Projection | Deformation::Tanh => {
+            let normal = tape.normalize_rows(field.gradient);
+            tape.mul(normal, field.sdf)
+        }
+    };
     let step = if how == Deformation::Tanh { tape.tanh(step) } else { step };
     tape.sub(verts, step)
 }
@@ -44,14 +51,58 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(16))]
         #[test]
-        fn gradients(n in 1usize..9, tanh: bool, seed: u64) {
-            let how = if tanh { Deformation::Tanh } else { Deformation::Projection };
+        fn gradients(n in 1usize..9, which in 0usize..4, seed: u64) {
+            let how = ALL[which];
             let mut direction = normal(&[n, 3], seed ^ 2);
             direction.data_mut().chunks_exact_mut(3).for_each(|r| r[0] += r[0].signum());
-            let inputs = [normal(&[n, 3], seed), normal(&[n, 1], seed ^ 1), direction];
-            check(|t, x| deform(t, how, x[0], x[1], x[2]), &inputs, seed);
+            let inputs =
+                [normal(&[n, 3], seed), normal(&[n, 1], seed ^ 1), direction, normal(&[n, 3], seed ^ 3)];
+            let f = |t: &mut Tape, x: &[Var]| {
+                deform(t, how, x[0], &FieldVars { sdf: x[1], gradient: x[2], offset: Some(x[3]) })
+            };
+            // The ways differ in what enters; a check needs every input to have a gradient.
+            let used = match how {
+                Deformation::None => 1,
+                Deformation::Offset => 4,
+                _ => 3,
+            };
+            check(
+                |t, x| {
+                    let mut all = x.to_vec();
+                    all.extend(inputs[x.len()..].iter().map(|i| t.constant(i.clone())));
+                    f(t, &all)
+                },
+                &inputs[..used],
+                seed,
+            );
+        }
+
+        #[test]
+        fn agrees_with_plain_loops(n in 0usize..12, which in 0usize..4, seed: u64) {
+            let how = ALL[which];
+            let (x, s) = (normal(&[n, 3], seed), normal(&[n, 1], seed ^ 1));
+            let (g, e) = (normal(&[n, 3], seed ^ 2), normal(&[n, 3], seed ^ 3));
+            let mut t = Tape::new();
+            let v = [&x, &s, &g, &e].map(|x| t.constant(x.clone()));
+            let moved = deform(&mut t, how, v[0], &FieldVars { sdf: v[1], gradient: v[2], offset: Some(v[3]) });
+            for i in 0..n {
+                let length = g.row(i).iter().map(|g| g * g).sum::<f32>().sqrt();
+                for d in 0..3 {
+                    let step = s.data()[i] * g.row(i)[d] / length;
+                    let want = match how {
+                        Deformation::Projection => x.row(i)[d] - step,
+                        Deformation::Tanh => x.row(i)[d] - step.tanh(),
+                        Deformation::Offset => x.row(i)[d] + e.row(i)[d],
+                        Deformation::None => x.row(i)[d],
+                    };
+                    prop_assert!((t.value(moved).row(i)[d] - want).abs() < 1e-5);
+                }
+            }
         }
     }
+
+    const ALL: [Deformation; 4] =
+        [Deformation::Projection, Deformation::Tanh, Deformation::Offset, Deformation::None];
 
     #[test]
     fn projection_lands_on_the_sphere() {
@@ -61,7 +112,8 @@ mod tests {
         let v = t.constant(Tensor::from_points(&x));
         let g = t.constant(Tensor::from_vec(&[2, 1], vec![4.0, -0.5]));
         let d = t.constant(Tensor::from_points(&[[6.0, 0.0, 8.0], [0.0, 0.1, 0.0]]));
-        let moved = deform(&mut t, Deformation::Projection, v, g, d);
+        let moved =
+            deform(&mut t, Deformation::Projection, v, &FieldVars { sdf: g, gradient: d, offset: None });
         for (p, q) in t.value(moved).to_points().iter().zip([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]]) {
             assert!((0..3).all(|i| (p[i] - q[i]).abs() < 1e-6));
         }

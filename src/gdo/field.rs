@@ -7,7 +7,7 @@
 
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, ParamId, Params};
-use crate::tensor::{Pool, Tensor};
+use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 use rayon::prelude::*;
@@ -52,18 +52,35 @@ impl FieldConfig {
 
 /// The field network: n x 3 points in the working frame to n x 1 signed distances, negative inside.
 ///
+/// With an offset there are three more outputs, the displacement of a grid vertex (for
+/// [`Deformation::Offset`](super::Deformation)).
+///
 /// Hidden layer l: h = act(h W_l + b_l), with the encoding joined to its input (both divided by sqrt 2) at `skip`; then
-/// a linear layer to one value. Parameters: `field.L.weight` (c_in x c_out) and `field.L.bias` (1 x c_out), geometrically
+/// a linear layer to one value (or four). Parameters: `field.L.weight` (c_in x c_out) and `field.L.bias` (1 x c_out), geometrically
 /// initialised so that g(x) is about |x| - radius (Atzmon and Lipman 2020).
 #[derive(Clone, Debug)]
 pub struct Field {
     config: FieldConfig,
     params: Params,
     layers: Vec<(ParamId, ParamId)>,
+    offset: bool,
+}
+
+/// The field's values on a tape, for n points.
+#[derive(Clone, Copy, Debug)]
+pub struct FieldVars {
+    /// g, n x 1.
+    pub sdf: Var,
+    /// grad g, n x 3.
+    pub gradient: Var,
+    /// The displacement, n x 3, if the field has one.
+    pub offset: Option<Var>,
 }
 
 /// Points evaluated at a time: the activations of a chunk stay in the processor's cache.
-pub(crate) const CHUNK: usize = 256;
+pub(super) const CHUNK: usize = 256;
+/// Standard deviation of the weights that the displacement starts with.
+const OFFSET_START: f32 = 1e-3;
 
 impl Field {
     /// A field that starts as a sphere.
@@ -72,6 +89,20 @@ impl Field {
     /// If width or depth is 0, or the skip is not a hidden layer after the first.
     #[track_caller]
     pub fn new(config: FieldConfig, rng: &mut ChaCha8Rng) -> Self {
+        Self::build(config, false, rng)
+    }
+
+    /// A field with a displacement beside g, which starts close to 0.
+    ///
+    /// # Panics
+    /// As [`new`](Self::new).
+    #[track_caller]
+    pub fn with_offset(config: FieldConfig, rng: &mut ChaCha8Rng) -> Self {
+        Self::build(config, true, rng)
+    }
+
+    #[track_caller]
+    fn build(config: FieldConfig, offset: bool, rng: &mut ChaCha8Rng) -> Self {
         let FieldConfig { width, depth, .. } = config;
         assert!(width > 0 && depth > 0, "field: width {width}, depth {depth}");
         if let Some(skip) = config.skip {
@@ -86,12 +117,16 @@ impl Field {
                 l if Some(l) == config.skip => width + encoded,
                 _ => width,
             };
-            let to = if layer == depth { 1 } else { width };
+            let outputs = if offset { 4 } else { 1 };
+            let to = if layer == depth { outputs } else { width };
             let mut weight = Tensor::zeros(&[from, to]);
             let mut bias = Tensor::zeros(&[1, to]);
             if layer == depth {
                 let normal = Normal::new((std::f32::consts::PI / from as f32).sqrt(), 1e-4).expect("finite");
-                weight.data_mut().iter_mut().for_each(|w| *w = normal.sample(rng));
+                let small = Normal::new(0.0, OFFSET_START).expect("finite");
+                for (i, w) in weight.data_mut().iter_mut().enumerate() {
+                    *w = if i % to == 0 { normal.sample(rng) } else { small.sample(rng) };
+                }
                 bias.data_mut()[0] = -config.radius;
             } else {
                 let normal = Normal::new(0.0, (2.0 / to as f32).sqrt()).expect("finite");
@@ -109,12 +144,17 @@ impl Field {
             let bias = params.add(format!("field.{layer}.bias"), bias);
             layers.push((weight, bias));
         }
-        Field { config, params, layers }
+        Field { config, params, layers, offset }
     }
 
     /// The shape of the network.
     pub fn config(&self) -> &FieldConfig {
         &self.config
+    }
+
+    /// Whether it has a displacement beside g.
+    pub fn has_offset(&self) -> bool {
+        self.offset
     }
 
     /// Its parameters.
@@ -161,7 +201,7 @@ impl Field {
         out
     }
 
-    /// g at constant points: n x 3 to n x 1. `pre` collects what the gradient needs: the encoding and every z.
+    /// All outputs at constant points: n x 3 to n x 1, or n x 4 with an offset. `pre` collects what the gradient needs: the encoding and every z.
     fn forward(&self, tape: &mut Tape, p: &Bound, encoded: Var, mut pre: impl FnMut(Var)) -> Var {
         let mut h = encoded;
         for (l, &(weight, bias)) in self.layers.iter().enumerate() {
@@ -179,17 +219,18 @@ impl Field {
         unreachable!("the last layer returns")
     }
 
-    /// g and grad g at constant points: n x 3 to n x 1 and n x 3, both on the tape.
-    pub fn sdf_and_gradient(&self, tape: &mut Tape, p: &Bound, points: &[[f32; 3]]) -> (Var, Var) {
+    /// g, grad g and the displacement at constant points (n x 3, working frame), all on the tape.
+    pub fn outputs(&self, tape: &mut Tape, p: &Bound, points: &[[f32; 3]]) -> FieldVars {
         let encoding = self.encode(points);
         let (sin_cos, c) = (encoding.clone(), self.config.encoding_cols());
         let encoded = tape.constant(encoding);
         let mut zs = Vec::with_capacity(self.config.depth);
-        let sdf = self.forward(tape, p, encoded, |z| zs.push(z));
+        let out = self.forward(tape, p, encoded, |z| zs.push(z));
 
         // The adjoint of h, from the last layer down; a row until it meets the first slope.
         let (last, _) = self.layers[self.config.depth];
-        let row = tape.reshape(p.var(last), &[1, self.config.width]);
+        let column = if self.offset { tape.slice_cols(p.var(last), 0..1) } else { p.var(last) };
+        let row = tape.reshape(column, &[1, self.config.width]);
         let mut adjoint_skip = None;
         let mut adjoint = row;
         for l in (0..self.config.depth).rev() {
@@ -228,7 +269,12 @@ impl Field {
                 gradient = tape.add(gradient, term);
             }
         }
-        (sdf, gradient)
+        if self.offset {
+            let sdf = tape.slice_cols(out, 0..1);
+            FieldVars { sdf, gradient, offset: Some(tape.slice_cols(out, 1..4)) }
+        } else {
+            FieldVars { sdf: out, gradient, offset: None }
+        }
     }
 
     /// g at points (n x 3, working frame), without gradients and in parallel over fixed chunks.
@@ -240,8 +286,11 @@ impl Field {
                 tape.clear();
                 let p = self.params.bind(&mut tape, false);
                 let encoded = tape.constant(self.encode(points));
-                let sdf = self.forward(&mut tape, &p, encoded, |_| ());
-                out.copy_from_slice(tape.value(sdf).data());
+                let values = self.forward(&mut tape, &p, encoded, |_| ());
+                let values = tape.value(values);
+                for (out, row) in out.iter_mut().zip(values.data().chunks_exact(values.cols())) {
+                    *out = row[0];
+                }
             }
         });
         out
@@ -253,113 +302,10 @@ impl Field {
         out.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).for_each(|(out, points)| {
             let mut tape = Tape::new();
             let p = self.params.bind(&mut tape, false);
-            let (_, gradient) = self.sdf_and_gradient(&mut tape, &p, points);
-            out.copy_from_slice(&tape.value(gradient).to_points());
+            let vars = self.outputs(&mut tape, &p, points);
+            out.copy_from_slice(&tape.value(vars.gradient).to_points());
         });
         out
-    }
-}
-
-/// One forward and backward pass of the field over many vertices, chunk by chunk on several threads.
-///
-/// Every chunk has a tape of its own, so that the loss can be taken once over all vertices and its gradient pulled
-/// back through the chunks. Parameter gradients are folded in chunk order, so they do not depend on the threads.
-#[derive(Default)]
-pub struct FieldPass {
-    chunks: Vec<Chunk>,
-    used: usize,
-}
-
-#[derive(Default)]
-struct Chunk {
-    tape: Tape,
-    bound: Option<Bound>,
-    outputs: Option<(Var, Var)>,
-    gradients: Vec<Option<Tensor>>,
-}
-
-impl FieldPass {
-    /// A pass without memory yet.
-    pub fn new() -> Self {
-        Self::default()
-    }
-
-    /// g (v x 1) and grad g (v x 3) at the vertices, from the memory of `pool`.
-    pub fn forward(&mut self, field: &Field, verts: &[[f32; 3]], pool: &Pool) -> (Tensor, Tensor) {
-        self.used = verts.len().div_ceil(CHUNK);
-        if self.chunks.len() < self.used {
-            self.chunks.resize_with(self.used, Chunk::default);
-        }
-        let mut sdf = Tensor::zeros(&[verts.len(), 1]).into_pool(pool);
-        let mut gradient = Tensor::zeros(&[verts.len(), 3]).into_pool(pool);
-        self.chunks[..self.used]
-            .par_iter_mut()
-            .zip(verts.par_chunks(CHUNK))
-            .zip(sdf.data_mut().par_chunks_mut(CHUNK))
-            .zip(gradient.data_mut().par_chunks_mut(3 * CHUNK))
-            .for_each(|(((chunk, verts), sdf), gradient)| {
-                chunk.gradients.clear();
-                chunk.tape.clear();
-                let p = field.params.bind(&mut chunk.tape, true);
-                let (s, g) = field.sdf_and_gradient(&mut chunk.tape, &p, verts);
-                sdf.copy_from_slice(chunk.tape.value(s).data());
-                gradient.copy_from_slice(chunk.tape.value(g).data());
-                chunk.bound = Some(p);
-                chunk.outputs = Some((s, g));
-            });
-        (sdf, gradient)
-    }
-
-    /// The parameters' gradients from those at g (v x 1) and grad g (v x 3) of the last forward pass.
-    ///
-    /// # Panics
-    /// If the shapes are not those of the last forward pass.
-    #[track_caller]
-    pub fn backward(&mut self, d_sdf: &Tensor, d_gradient: &Tensor) -> Vec<Option<Tensor>> {
-        assert!(
-            d_sdf.len().div_ceil(CHUNK) == self.used && d_gradient.len() == 3 * d_sdf.len(),
-            "field: gradients {:?} and {:?} for {} chunks",
-            d_sdf.shape(),
-            d_gradient.shape(),
-            self.used
-        );
-        self.chunks[..self.used]
-            .par_iter_mut()
-            .zip(d_sdf.data().par_chunks(CHUNK))
-            .zip(d_gradient.data().par_chunks(3 * CHUNK))
-            .for_each(|((chunk, d_sdf), d_gradient)| {
-                let ((s, g), p) =
-                    (chunk.outputs.expect("forward first"), chunk.bound.as_ref().expect("forward first"));
-                let seed = |values: &[f32], cols| {
-                    Tensor::from_vec(&[values.len() / cols, cols], values.to_vec())
-                        .into_pool(chunk.tape.pool())
-                };
-                let mut gradients = chunk.tape.pull([(s, seed(d_sdf, 1)), (g, seed(d_gradient, 3))]);
-                chunk.gradients = p.collect(&mut gradients);
-            });
-        let mut chunks = self.chunks[..self.used].iter_mut();
-        let mut total = chunks.next().map(|c| std::mem::take(&mut c.gradients)).unwrap_or_default();
-        for chunk in chunks {
-            for (sum, gradient) in total.iter_mut().zip(chunk.gradients.drain(..)) {
-                match (sum.as_mut(), gradient) {
-                    (Some(sum), Some(gradient)) => sum.add_assign(&gradient),
-                    (None, gradient) => *sum = gradient,
-                    (Some(_), None) => {}
-                }
-            }
-        }
-        total
-    }
-
-    /// Lets go of the parameters and activations of the last pass, so that changing the parameters copies nothing.
-    pub fn release(&mut self) {
-        self.chunks.iter_mut().for_each(|c| c.tape.clear());
-        self.used = 0;
-    }
-
-    /// Buffers newly allocated so far by all chunks; constant once a repeated step has warmed up.
-    pub fn allocations(&self) -> usize {
-        self.chunks.iter().map(|c| c.tape.pool().allocations()).sum()
     }
 }
 
@@ -370,10 +316,11 @@ mod tests {
     use proptest::prelude::*;
     use rand::SeedableRng;
 
-    fn small(activation: Activation, skip: Option<usize>, octaves: usize, seed: u64) -> Field {
+    fn small(skip: Option<usize>, octaves: usize, offset: bool, seed: u64) -> Field {
+        let activation = Activation::Softplus { beta: 4.0 };
         let config =
             FieldConfig { width: 9, depth: 3, octaves, frequency: 1.5, activation, skip, radius: 0.4 };
-        let mut field = Field::new(config, &mut ChaCha8Rng::seed_from_u64(seed));
+        let mut field = Field::build(config, offset, &mut ChaCha8Rng::seed_from_u64(seed));
         // Leave the geometric start, at which the waves are silent.
         for id in 0..field.params.len() {
             let id = field.layers[id / 2];
@@ -390,13 +337,11 @@ mod tests {
         normal(&[n, 3], seed).to_points().into_iter().map(|p| p.map(|x| 0.3 * x)).collect()
     }
 
-    const SOFT: Activation = Activation::Softplus { beta: 4.0 };
-
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(12))]
         #[test]
-        fn spatial_gradient_agrees_with_differences(skip: bool, octaves in 0usize..3, seed: u64) {
-            let field = small(SOFT, skip.then_some(1), octaves, seed);
+        fn spatial_gradient_agrees_with_differences(skip: bool, offset: bool, octaves in 0usize..3, seed: u64) {
+            let field = small(skip.then_some(1), octaves, offset, seed);
             let x = points(5, seed);
             let analytic = field.gradient(&x);
             for d in 0..3 {
@@ -412,14 +357,18 @@ mod tests {
         }
 
         #[test]
-        fn gradients_reach_every_parameter(skip: bool, octaves in 0usize..3, seed: u64) {
-            let field = small(SOFT, skip.then_some(2), octaves, seed);
+        fn gradients_reach_every_parameter(skip: bool, offset: bool, octaves in 0usize..3, seed: u64) {
+            let field = small(skip.then_some(2), octaves, offset, seed);
             let x = points(6, seed);
             let inputs: Vec<Tensor> = field.params.values().iter().map(|t| (**t).clone()).collect();
             check(|t, vars| {
                 let p = Bound::new(vars.to_vec());
-                let (s, g) = field.sdf_and_gradient(t, &p, &x);
-                t.concat_cols([s, g])
+                let out = field.outputs(t, &p, &x);
+                let both = t.concat_cols([out.sdf, out.gradient]);
+                match out.offset {
+                    Some(offset) => t.concat_cols([both, offset]),
+                    None => both,
+                }
             }, &inputs, seed);
         }
     }
@@ -444,52 +393,5 @@ mod tests {
                     / 200.0;
             assert!(off < 0.1, "depth {depth}: mean distance from the sphere's field {off}");
         }
-    }
-
-    #[test]
-    fn chunked_pass_equals_one_tape() {
-        let field = small(SOFT, Some(1), 2, 3);
-        let n = 2 * CHUNK + 17;
-        let x = points(n, 9);
-        let (ds, dg) = (normal(&[n, 1], 1), normal(&[n, 3], 2));
-        let mut pass = FieldPass::new();
-        let pool = Pool::default();
-        let (sdf, gradient) = pass.forward(&field, &x, &pool);
-        let chunked = pass.backward(&ds, &dg);
-
-        let mut tape = Tape::new();
-        let p = field.params.bind(&mut tape, true);
-        let (s, g) = field.sdf_and_gradient(&mut tape, &p, &x);
-        let whole = p.collect(&mut tape.pull([(s, ds), (g, dg)]));
-        assert!(sdf.data().iter().zip(tape.value(s).data()).all(|(a, b)| (a - b).abs() < 1e-5));
-        assert!(gradient.data().iter().zip(tape.value(g).data()).all(|(a, b)| (a - b).abs() < 1e-4));
-        for (a, b) in chunked.iter().zip(&whole) {
-            let (a, b) = (a.as_ref().unwrap(), b.as_ref().unwrap());
-            let scale = b.data().iter().fold(1.0f32, |m, x| m.max(x.abs()));
-            assert!(a.data().iter().zip(b.data()).all(|(a, b)| (a - b).abs() < 1e-4 * scale));
-        }
-    }
-
-    #[test]
-    fn a_repeated_pass_allocates_nothing_and_repeats_its_bits() {
-        let field = small(Activation::Relu, None, 1, 3);
-        let x = points(700, 2);
-        let (ds, dg) = (normal(&[700, 1], 1), normal(&[700, 3], 2));
-        let mut pass = FieldPass::new();
-        let pool = Pool::default();
-        let mut first: Option<Vec<Vec<f32>>> = None;
-        let mut counts = Vec::new();
-        for threads in [1, 2, 3, 1] {
-            let workers = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            let bits: Vec<Vec<f32>> = workers.install(|| {
-                let (sdf, gradient) = pass.forward(&field, &x, &pool);
-                let gradients = pass.backward(&ds, &dg);
-                let gradients = gradients.iter().map(|g| g.as_ref().unwrap());
-                [&sdf, &gradient].into_iter().chain(gradients).map(|t| t.data().to_vec()).collect()
-            });
-            counts.push(pass.allocations());
-            assert!(*first.get_or_insert(bits.clone()) == bits, "{threads} threads");
-        }
-        assert_eq!(counts[1], counts[3]);
     }
 }

@@ -65,7 +65,7 @@ impl GaussField {
         let Some(factor) = system.cholesky() else {
             return Err(Error::new(ErrorKind::Data, "the first guess of inside and outside has no solution")
                 .advise(
-                    "check that the points do not all coincide, or start from a sphere (--start sphere)",
+                    "check that the points do not all coincide, or start from a sphere (start.shape = sphere)",
                 ));
         };
         let xi = factor.solve(&DVector::from_element(n, 0.5));

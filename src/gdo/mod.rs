@@ -2,11 +2,15 @@
 
 mod crossing;
 mod deform;
+mod faces;
 mod field;
 mod gauss;
+mod pass;
 mod start;
 
 pub use deform::{Deformation, deform};
-pub use field::{Activation, Field, FieldConfig, FieldPass};
+pub use faces::sample_faces;
+pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use gauss::GaussField;
-pub use start::fit_to_mesh;
+pub use pass::{FieldPass, FieldValues};
+pub use start::{GaussStart, fit_to_mesh, start_from_gauss};

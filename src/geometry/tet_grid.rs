@@ -103,6 +103,16 @@ impl TetGrid {
         Ok(TetGrid::new(cubes, origin, spacing as f32))
     }
 
+    /// The grid of `resolution` cubes along each side of the cube from -0.58 to 0.58, which holds every cloud in the
+    /// working frame (it reaches to 0.5) and some room around it.
+    ///
+    /// # Errors
+    ///
+    /// [`ErrorKind::Config`] for a resolution below 3 or beyond 32-bit vertex numbers.
+    pub fn working_frame(resolution: usize) -> Result<Self, Error> {
+        Self::covering([-0.58; 3], [0.58; 3], resolution, 1)
+    }
+
     /// Cubes along each axis.
     pub fn resolution(&self) -> [usize; 3] {
         self.resolution

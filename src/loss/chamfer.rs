@@ -16,6 +16,10 @@ pub struct Direction {
 impl Direction {
     /// Both directions with weight 1: the distance of equations 3 and 5 of the paper.
     pub const BOTH: Direction = Direction { forward: 1.0, backward: 1.0 };
+    /// From each point of the first cloud to the second only.
+    pub const FORWARD: Direction = Direction { forward: 1.0, backward: 0.0 };
+    /// From each point of the second cloud to the first only: how well the first covers the second.
+    pub const BACKWARD: Direction = Direction { forward: 0.0, backward: 1.0 };
 }
 
 /// f / n sum_i |a_i - b_p(i)|^2 + g / m sum_j |b_j - a_q(j)|^2 with p and q the nearest neighbours, held constant.
@@ -161,9 +165,11 @@ mod tests {
 
         #[test]
         fn gradients(n in 1usize..12, m in 1usize..12, seed: u64) {
-            let direction = Direction { forward: 0.8, backward: 1.3 };
             let clouds = [normal(&[n, 3], seed), normal(&[m, 3], seed ^ 1)];
-            check(|t, x| t.chamfer(x[0], x[1], direction), &clouds, seed);
+            let both = Direction { forward: 0.8, backward: 1.3 };
+            for direction in [both, Direction::FORWARD, Direction::BACKWARD] {
+                check(|t, x| t.chamfer(x[0], x[1], direction), &clouds, seed);
+            }
         }
     }
 

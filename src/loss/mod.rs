@@ -2,7 +2,9 @@
 
 mod chamfer;
 mod laplacian;
+mod pull;
 mod surface;
 
 pub use chamfer::Direction;
-pub use surface::{eikonal, surface_term};
+pub use pull::pull;
+pub use surface::{eikonal, mean_abs};

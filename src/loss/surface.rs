@@ -2,10 +2,11 @@
 
 use crate::autodiff::{Tape, Var};
 
-/// L_surf, the mean of |g(v)| over the grid vertices near the surface (equation 6 of the paper).
+/// The mean of |g|: over the grid vertices near the surface it is L_surf (equation 6 of the paper), over the cloud it
+/// draws the surface through the points.
 ///
 /// Shapes: `sdf` v x 1 to 1 x 1, in units of the working frame. Gradient: the sign of g over v; 0 where g is 0.
-pub fn surface_term(tape: &mut Tape, sdf: Var) -> Var {
+pub fn mean_abs(tape: &mut Tape, sdf: Var) -> Var {
     let magnitude = tape.abs(sdf);
     tape.mean(magnitude)
 }
@@ -33,7 +34,7 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(16))]
         #[test]
         fn gradients(n in 1usize..20, seed: u64) {
-            check(|t, x| surface_term(t, x[0]), &[normal(&[n, 1], seed)], seed);
+            check(|t, x| mean_abs(t, x[0]), &[normal(&[n, 1], seed)], seed);
             check(|t, x| eikonal(t, x[0]), &[normal(&[n, 3], seed)], seed);
         }
     }
@@ -45,7 +46,7 @@ mod tests {
         let y = eikonal(&mut t, g);
         assert!(t.value(y).item() < 1e-12);
         let s = t.constant(Tensor::from_vec(&[2, 1], vec![-3.0, 1.0]));
-        let y = surface_term(&mut t, s);
+        let y = mean_abs(&mut t, s);
         assert_eq!(t.value(y).item(), 2.0);
     }
 }

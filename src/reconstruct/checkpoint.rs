@@ -1,30 +1,227 @@
-//! Saving and loading.
-#![cfg(feature = "checkpoint")]
+//! Saving a run or its result, and taking it up again.
 
-use super::{Config, Reconstruction, Trainer};
+use super::store::{Checksum, Store, damaged};
+use super::trainer::{Learned, Snapshot, blank_field, prepare};
+use super::{Config, Preset, Reconstruction, Trainer};
 use crate::error::{Error, ErrorKind};
+use crate::geometry::Normalizer;
+use crate::nn::Params;
+use crate::optim::{Adam, AdamOptions};
+use crate::tensor::Tensor;
+use rand::SeedableRng;
+use rand::rngs::ChaCha8Rng;
+use std::collections::BTreeMap;
 use std::path::Path;
 
+const CHECKPOINT: &str = "checkpoint 1";
+const RECONSTRUCTION: &str = "reconstruction 1";
+
 impl Trainer {
-    /// Saves the state.
+    /// Saves everything that the rest of the run depends on, so that a run resumed from the file ends in the same
+    /// bytes as one that was never stopped. The same state gives the same file.
+    ///
+    /// The file is in the safetensors format: parameters and optimiser moments now and at the last good state, S, and,
+    /// as metadata, options, step and a fingerprint of the cloud, under one checksum. It appears whole or not at all.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Io`] if the file cannot be written.
     pub fn save_checkpoint(&self, path: impl AsRef<Path>) -> Result<(), Error> {
-        Err(Error::new(ErrorKind::Checkpoint, "not yet").in_file(path))
+        self.to_store().write(path.as_ref())
     }
 
-    /// Takes up a run.
-    pub fn resume(path: impl AsRef<Path>, _points: &[[f32; 3]], _config: &Config) -> Result<Trainer, Error> {
-        Err(Error::new(ErrorKind::Checkpoint, "not yet").in_file(path))
+    /// Takes up the run that [`save_checkpoint`](Self::save_checkpoint) saved, for the same `points` (n x 3) and
+    /// options.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or belongs to another
+    /// cloud or other options (the first that differs is named), and as [`Trainer::new`].
+    pub fn resume(path: impl AsRef<Path>, points: &[[f32; 3]], config: &Config) -> Result<Trainer, Error> {
+        let path = path.as_ref();
+        let prepared = prepare(points, config)?;
+        let store = Store::read(path)?;
+        let resume = || -> Result<Trainer, Error> {
+            check_kind(&store, CHECKPOINT)?;
+            check_config(&store, &prepared.config)?;
+            if store.get("cloud")? != fingerprint(&prepared.input) {
+                return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
+                    .advise("resume with the points that the run was started with"));
+            }
+            let mut trainer = Trainer::blank(prepared);
+            store.check_tensors(&trainer.to_store().tensors)?;
+            trainer.recoveries = store.parse("recoveries")?;
+            let now = read_snapshot(&store, "now", &trainer)?;
+            trainer.good = read_snapshot(&store, "good", &trainer)?;
+            if trainer.good.step > now.step || now.step > trainer.total_steps() {
+                let message = format!("step {} after good step {}", now.step, trainer.good.step);
+                return Err(damaged(message));
+            }
+            trainer.restore(&now);
+            trainer.rebuild_band()?;
+            Ok(trainer)
+        };
+        resume().map_err(|e| e.in_file(path))
+    }
+
+    fn to_store(&self) -> Store {
+        let mut store = Store::default();
+        store.put("kind", CHECKPOINT);
+        put_config(&mut store, &self.config);
+        store.put("cloud", fingerprint(&self.input));
+        store.put("recoveries", self.recoveries);
+        put_snapshot(&mut store, "now", &self.snapshot());
+        put_snapshot(&mut store, "good", &self.good);
+        store
     }
 }
 
 impl Reconstruction {
-    /// Saves the result.
+    /// Saves the result: the field, the cloud, S and the options, in the format of
+    /// [`Trainer::save_checkpoint`].
+    ///
+    /// # Errors
+    /// [`ErrorKind::Io`] if the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
-        Err(Error::new(ErrorKind::Checkpoint, "not yet").in_file(path))
+        let mut store = Store::default();
+        store.put("kind", RECONSTRUCTION);
+        put_config(&mut store, &self.config);
+        let frame = self.normalizer.to_array().map(|v| format!("{:016x}", v.to_bits()));
+        store.put("frame", frame.join(" "));
+        for (_, name, value) in self.field.params().iter() {
+            store.tensors.insert(name.into(), value.clone());
+        }
+        store.tensors.insert("cloud".into(), Tensor::from_points(&self.cloud));
+        store.tensors.insert("surface".into(), Tensor::from_points(&self.surface));
+        store.write(path.as_ref())
     }
 
-    /// Loads a result.
+    /// Loads a result that [`save`](Self::save) saved; it gives the same bytes as the one that was saved.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or something else.
     pub fn load(path: impl AsRef<Path>) -> Result<Reconstruction, Error> {
-        Err(Error::new(ErrorKind::Checkpoint, "not yet").in_file(path))
+        let path = path.as_ref();
+        let store = Store::read(path)?;
+        Self::from_store(&store).map_err(|e| e.in_file(path))
+    }
+
+    fn from_store(store: &Store) -> Result<Reconstruction, Error> {
+        check_kind(store, RECONSTRUCTION)?;
+        let mut config = Config::preset(Preset::Default);
+        let keys: Vec<&str> = config.entries().into_iter().map(|(key, _)| key).collect();
+        for key in keys {
+            let value = store.get(&format!("config.{key}"))?;
+            config.set(key, value).map_err(|e| damaged("its options cannot be used").caused_by(e))?;
+        }
+        config.validate().map_err(|e| damaged("its options cannot be used").caused_by(e))?;
+
+        let frame: Result<Vec<u64>, _> =
+            store.get("frame")?.split(' ').map(|v| u64::from_str_radix(v, 16)).collect();
+        let frame: Option<[u64; 4]> = frame.ok().and_then(|f| f.try_into().ok());
+        let frame = frame.ok_or_else(|| damaged("its frame is not four numbers"))?;
+        let normalizer = Normalizer::from_array(frame.map(f64::from_bits))
+            .map_err(|e| damaged("its frame cannot be used").caused_by(e))?;
+
+        let mut field = blank_field(&config, &mut ChaCha8Rng::seed_from_u64(config.seed));
+        let mut expected: BTreeMap<String, Tensor> =
+            field.params().iter().map(|(_, name, value)| (name.to_string(), value.clone())).collect();
+        for name in ["cloud", "surface"] {
+            let rows = store.tensors.get(name).map_or(0, Tensor::rows);
+            expected.insert(name.into(), Tensor::zeros(&[rows, 3]));
+        }
+        store.check_tensors(&expected)?;
+        let points = |name: &str| store.tensors[name].to_points();
+        let (cloud, surface) = (points("cloud"), points("surface"));
+        if cloud.is_empty() || !store.tensors["cloud"].is_finite() {
+            return Err(damaged("its cloud is empty or not finite"));
+        }
+        read_params(store, "", field.params_mut());
+        Ok(Reconstruction { config, normalizer, cloud, field, surface })
+    }
+}
+
+fn check_kind(store: &Store, expected: &str) -> Result<(), Error> {
+    let kind = store.get("kind")?;
+    if kind == expected {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Checkpoint, format!("it is a {kind}, not a {expected}"))
+        .advise("resume from checkpoints, load reconstructions"))
+}
+
+fn put_config(store: &mut Store, config: &Config) {
+    for (key, value) in config.entries() {
+        store.put(&format!("config.{key}"), value);
+    }
+}
+
+fn check_config(store: &Store, config: &Config) -> Result<(), Error> {
+    for (key, value) in config.entries() {
+        let stored = store.get(&format!("config.{key}"))?;
+        if stored != value {
+            return Err(Error::new(
+                ErrorKind::Checkpoint,
+                format!("{stored} in the checkpoint, {value} here"),
+            )
+            .at_element(format!("option {key}"))
+            .advise("resume with the options that the run was started with"));
+        }
+    }
+    Ok(())
+}
+
+/// The number of points and a checksum of their bits.
+fn fingerprint(cloud: &[[f32; 3]]) -> String {
+    let mut sum = Checksum::new();
+    for x in cloud.as_flattened() {
+        sum.add(&x.to_le_bytes());
+    }
+    format!("{} points, {:016x}", cloud.len(), sum.0)
+}
+
+fn put_snapshot(store: &mut Store, name: &str, snapshot: &Snapshot) {
+    store.put(&format!("{name}.step"), snapshot.step);
+    put_learned(store, &format!("{name}.field"), &snapshot.field);
+    if let Some(map) = &snapshot.map {
+        put_learned(store, &format!("{name}.map"), map);
+        store.tensors.insert(format!("{name}.surface"), Tensor::from_points(&snapshot.surface));
+    }
+}
+
+fn put_learned(store: &mut Store, name: &str, learned: &Learned) {
+    for (_, param, value) in learned.params.iter() {
+        store.tensors.insert(format!("{name}.value.{param}"), value.clone());
+    }
+    for (state, tensor) in learned.adam.state(learned.params.names()) {
+        store.tensors.insert(format!("{name}.{state}"), tensor);
+    }
+}
+
+/// Reads a snapshot of the shape of the trainer's present state, whose tensors have been checked to be there.
+fn read_snapshot(store: &Store, name: &str, like: &Trainer) -> Result<Snapshot, Error> {
+    let like = like.snapshot();
+    let learned = |like: &Learned, name: &str| read_learned(store, name, like);
+    let map = like.map.as_ref().map(|map| learned(map, &format!("{name}.map"))).transpose()?;
+    let surface = store.tensors.get(&format!("{name}.surface")).map(Tensor::to_points);
+    Ok(Snapshot {
+        step: store.parse(&format!("{name}.step"))?,
+        field: learned(&like.field, &format!("{name}.field"))?,
+        map,
+        surface: surface.unwrap_or_default(),
+    })
+}
+
+fn read_learned(store: &Store, name: &str, like: &Learned) -> Result<Learned, Error> {
+    let mut params = like.params.clone();
+    read_params(store, &format!("{name}.value."), &mut params);
+    let mut adam = Adam::new(params.values(), AdamOptions::default());
+    adam.restore(params.names(), |state| store.tensors.get(&format!("{name}.{state}")).cloned())?;
+    Ok(Learned { params, adam })
+}
+
+/// Reads all parameters, whose tensors have been checked to be there.
+fn read_params(store: &Store, prefix: &str, params: &mut Params) {
+    let ids: Vec<_> = params.iter().map(|(id, name, _)| (id, format!("{prefix}{name}"))).collect();
+    for (id, name) in ids {
+        *params.value_mut(id) = store.tensors[&name].clone();
     }
 }

@@ -5,14 +5,6 @@ use crate::error::Error;
 use crate::gdo::Field;
 use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleMesh, extract};
 
-/// Half the side of the cube that grids cover, in the working frame: the cloud reaches to 0.5.
-pub(super) const HALF_BOX: f32 = 0.58;
-
-/// The grid of this many cubes along each side.
-pub(super) fn grid(resolution: usize) -> Result<TetGrid, Error> {
-    TetGrid::covering([-HALF_BOX; 3], [HALF_BOX; 3], resolution, 1)
-}
-
 /// A signed distance field, the parameterized surface and the cloud that both come from.
 ///
 /// All coordinates and distances are in the frame and units of the input points.
@@ -55,7 +47,7 @@ impl Reconstruction {
         let seeds = self.normalizer.forward(&self.cloud);
         let options = NarrowBandOptions { seeds: &seeds, ..Default::default() };
         let mut eval = |x: &[[f32; 3]]| Ok(self.field.sdf(x));
-        let mut mesh = extract(&grid(resolution)?, &mut eval, &options)?;
+        let mut mesh = extract(&TetGrid::working_frame(resolution)?, &mut eval, &options)?;
         mesh = mesh.keep_large(self.config.min_component);
         mesh.verts = self.normalizer.inverse(&mesh.verts);
         Ok(mesh)

@@ -46,14 +46,14 @@ pub fn reconstruct(
             ControlFlow::Continue(()) => Ok(()),
             ControlFlow::Break(()) => Err(Error::new(ErrorKind::Cancelled, "the run was cancelled")),
         };
-    let start = super::step::prepare(points, config)?;
+    let start = super::trainer::prepare(points, config)?;
     let event = Event::Started {
-        points: start.cloud.len(),
+        points: start.input.len(),
         merged: start.merged,
         total_steps: start.config.total_steps(),
     };
     tell(event, on_event)?;
-    let mut trainer = Trainer::from_start(start)?;
+    let mut trainer = Trainer::from_prepared(start)?;
     let mut recoveries = 0;
     while !trainer.is_done() {
         let report = trainer.step()?;

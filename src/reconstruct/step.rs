@@ -1,375 +1,469 @@
-//! One iteration of training.
+//! One iteration of training, from the band to the updated parameters.
 
-use super::model::{Reconstruction, grid};
-use super::{Config, StartShape, Target};
-use crate::autodiff::{Gradients, Tape, Var};
-use crate::bsp::{Bsp, Parameterization};
+use super::objective::{Scene, Terms, add_terms};
+use super::{Config, Trainer};
+use crate::autodiff::{Tape, Var};
+use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Field, FieldPass, GaussField, deform, fit_to_mesh};
-use crate::geometry::{
-    ActiveSet, BandTopology, Isosurface, KdTree, NarrowBandOptions, Normalizer, active_set, clean_cloud,
-    extract,
-};
-use crate::loss::{Direction, eikonal, surface_term};
+use crate::gdo::{FieldPass, FieldValues, FieldVars, deform, sample_faces};
+use crate::geometry::{BandTopology, Isosurface, TetGrid, active_set};
+use crate::loss::Direction;
 use crate::nn::Bound;
-use crate::optim::{Adam, AdamOptions, clip_norm, gradient_norm};
+use crate::optim::{clip_norm, gradient_norm};
 use crate::tensor::Tensor;
+use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
-use rand::{RngExt, SeedableRng};
 use std::time::Instant;
 
-/// What happened in a step.
-#[derive(Clone, Copy, Debug, Default)]
+/// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct StepReport {
+    /// The step, from 0.
     pub step: usize,
+    /// Steps of the whole training.
     pub total: usize,
+    /// Cubes along each side of the grid.
     pub resolution: usize,
+    /// The weighted sum of all terms.
     pub loss: f32,
+    /// L_para; 0 in steps that do not train the parameterization.
     pub para: f32,
+    /// L_deform.
     pub deform: f32,
+    /// L_surf.
     pub surf: f32,
+    /// The eikonal term.
     pub eikonal: f32,
-    pub points: f32,
+    /// The Laplacian of the mesh.
     pub laplacian: f32,
+    /// The mean of |g| on the cloud.
+    pub points: f32,
+    /// The pull of moved vertices to the target.
     pub pull: f32,
+    /// The squared distance from the cloud to the surface.
     pub cover: f32,
-    pub recoveries: usize,
+    /// Learning rate of the field.
     pub field_rate: f32,
+    /// Learning rate of the parameterization.
     pub bsp_rate: f32,
+    /// Length of the field's gradient, before it was clipped.
     pub gradient_norm: f64,
+    /// Grid vertices that the step worked on.
     pub active_verts: usize,
+    /// Vertices of the extracted surface.
     pub surface_verts: usize,
+    /// Recoveries so far.
+    pub recoveries: usize,
+    /// Time the step took, in seconds; nothing depends on it.
     pub seconds: f64,
 }
 
-/// Training in progress.
-pub struct Trainer {
-    config: Config,
-    input: Vec<[f32; 3]>,
-    normalizer: Normalizer,
-    cloud: Vec<[f32; 3]>,
-    field: Field,
-    bsp: Bsp,
-    adam_field: Adam,
-    adam_bsp: Adam,
-    pass: FieldPass,
-    tape: Tape,
-    step: usize,
-    total: usize,
-    band: ActiveSet,
-    topology: BandTopology,
-    band_resolution: usize,
-    iso: Isosurface,
-    surface: Vec<[f32; 3]>,
+/// What steps work with and nothing outlives them for.
+#[derive(Default)]
+pub(super) struct Workspace {
+    pub tape: Tape,
+    pub pass: FieldPass,
+    band: Option<Band>,
+    pub iso: Isosurface,
 }
 
-impl Trainer {
-    /// TODO docs.
-    pub fn new(points: &[[f32; 3]], config: &Config) -> Result<Self, Error> {
-        Self::from_start(prepare(points, config)?)
-    }
-
-    pub(super) fn from_start(prepared: Prepared) -> Result<Self, Error> {
-        let Prepared { config, cloud: input, normalizer, .. } = prepared;
-        let cloud = normalizer.forward(&input);
-        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
-        let mut field = Field::new(config.field, &mut rng);
-        let bsp = Bsp::new(config.bsp, &cloud, &mut rng);
-        let mut pass = FieldPass::new();
-        let start = config.start;
-        if start.shape == StartShape::Gauss {
-            let gauss = GaussField::fit(&cloud, start.width, start.regularity, config.seed)?;
-            let grid = grid(48)?;
-            let mut eval = |x: &[[f32; 3]]| Ok(gauss.sdf(x));
-            let options = NarrowBandOptions { seeds: &cloud, ..Default::default() };
-            let mesh = extract(&grid, &mut eval, &options)?.keep_large(0.02);
-            fit_to_mesh(&mut field, &mut pass, &mesh, start.steps, start.rate, config.seed)?;
-        }
-        let adam_field = Adam::new(field.params().values(), AdamOptions::default());
-        let adam_bsp = Adam::new(bsp.params().values(), AdamOptions::default());
-        let total = config.stages.iter().map(|s| s.steps).sum();
-        let mut t = Trainer {
-            config,
-            input,
-            normalizer,
-            cloud,
-            field,
-            bsp,
-            adam_field,
-            adam_bsp,
-            pass,
-            tape: Tape::new(),
-            step: 0,
-            total,
-            band: ActiveSet::default(),
-            topology: BandTopology::default(),
-            band_resolution: 0,
-            iso: Isosurface::default(),
-            surface: Vec::new(),
-        };
-        if t.config.parameterization != Parameterization::None {
-            for i in 0..t.config.bsp_pretrain {
-                t.pretrain_bsp(i);
-            }
-        }
-        Ok(t)
-    }
-
-    fn pretrain_bsp(&mut self, i: usize) {
-        self.tape.clear();
-        let p = self.bsp.params().bind(&mut self.tape, true);
-        let q = self.tape.constant(Tensor::from_points(&self.cloud));
-        let out = self.bsp.forward(&mut self.tape, &p, q);
-        let loss = self.tape.chamfer(out.surface, q, Direction::BOTH);
-        let gradients = p.collect(&mut self.tape.backward(loss));
-        self.surface = self.tape.value(out.surface).to_points();
-        self.tape.clear();
-        let rate = self.config.bsp_rate.rate_at(i, self.config.bsp_pretrain);
-        self.adam_bsp.step(self.bsp.params_mut().values_mut(), &gradients, rate);
-    }
-
-    pub fn is_done(&self) -> bool {
-        self.step >= self.total
-    }
-
-    fn resolution(&self) -> usize {
-        let mut left = self.step;
-        for s in &self.config.stages {
-            if left < s.steps {
-                return s.resolution;
-            }
-            left -= s.steps;
-        }
-        self.config.stages.last().map_or(32, |s| s.resolution)
-    }
-
-    pub fn step(&mut self) -> Result<StepReport, Error> {
-        let began = Instant::now();
-        let resolution = self.resolution();
-        if self.step % self.config.band.refresh == 0 || resolution != self.band_resolution {
-            let grid = grid(resolution)?;
-            let field = &self.field;
-            let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
-            self.band = active_set(&grid, &mut eval, &self.cloud, self.config.band.rings)?;
-            self.topology = self.band.topology();
-            self.band_resolution = resolution;
-        }
-        let w = self.config.weights;
-        let v = self.band.positions.len();
-        let n = self.cloud.len();
-        let mut verts = self.band.positions.clone();
-        verts.extend_from_slice(&self.cloud);
-        let tape = &mut self.tape;
-        tape.clear();
-        let (sdf, gradient) = self.pass.forward(&self.field, &verts, tape.pool());
-        let inside: Vec<bool> = sdf.data()[..v].iter().map(|&s| s < 0.0).collect();
-        self.topology.march_into(&inside, &mut self.iso);
-        if self.iso.faces.is_empty() {
-            return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
-        }
-        let sdf_all = tape.input(sdf);
-        let gradient_all = tape.input(gradient);
-        let s = tape.slice_rows(sdf_all, 0..v);
-        let g = tape.slice_rows(gradient_all, 0..v);
-        let sq = tape.slice_rows(sdf_all, v..v + n);
-        let positions = tape.constant(Tensor::from_points(&verts[..v]));
-        let moved = deform(tape, self.config.deformation, positions, s, g);
-        let vbar = tape.edge_crossing(moved, s, &self.iso.edges[..]);
-        let q = tape.constant(Tensor::from_points(&self.cloud));
-
-        let train_bsp = self.config.parameterization != Parameterization::None
-            && self.config.bsp_every > 0
-            && self.step % self.config.bsp_every == 0;
-        let mut bound = None;
-        let surface = if self.config.parameterization == Parameterization::None {
-            None
-        } else if train_bsp {
-            let p = self.bsp.params().bind(tape, true);
-            let out = self.bsp.forward(tape, &p, q);
-            bound = Some(p);
-            self.surface = tape.value(out.surface).to_points();
-            Some(out.surface)
-        } else {
-            Some(tape.constant(Tensor::from_points(&self.surface)))
-        };
-        let target = match (self.config.target, surface) {
-            (Target::Surface, Some(s)) => s,
-            (Target::SurfaceAndCloud, Some(s)) => tape.concat_rows([s, q]),
-            _ => q,
-        };
-        let drawn = if self.config.surface_samples > 0 {
-            sample_faces(
-                tape,
-                vbar,
-                &self.iso.faces,
-                self.config.surface_samples,
-                self.config.seed,
-                self.step,
-            )
-        } else {
-            vbar
-        };
-        let mut report = StepReport {
-            step: self.step,
-            total: self.total,
-            resolution,
-            active_verts: v,
-            surface_verts: self.iso.edges.len(),
-            ..Default::default()
-        };
-        let mut loss = None;
-        let mut add = |tape: &mut Tape, weight: f32, term: Var| -> f32 {
-            let value = tape.value(term).item();
-            if weight != 0.0 {
-                let scaled = tape.scale(term, weight);
-                loss = Some(match loss {
-                    Some(l) => tape.add(l, scaled),
-                    None => scaled,
-                });
-            }
-            value
-        };
-        let term = tape.chamfer(drawn, target, Direction::BOTH);
-        report.deform = add(tape, w.deform, term);
-        if w.cover > 0.0 {
-            let term = tape.chamfer(drawn, q, Direction { forward: 0.0, backward: 1.0 });
-            add(tape, w.cover, term);
-        }
-        if train_bsp && let Some(s) = surface {
-            let term = tape.chamfer(s, q, Direction::BOTH);
-            report.para = add(tape, w.para, term);
-        }
-        let term = surface_term(tape, s);
-        report.surf = add(tape, w.surf, term);
-        if w.eikonal > 0.0 {
-            let term = eikonal(tape, gradient_all);
-            report.eikonal = add(tape, w.eikonal, term);
-        }
-        if w.points > 0.0 {
-            let term = tape.abs(sq);
-            let term = tape.mean(term);
-            report.points = add(tape, w.points, term);
-        }
-        if w.laplacian > 0.0 {
-            let term = tape.laplacian(vbar, &self.iso.faces[..]);
-            add(tape, w.laplacian, term);
-        }
-        if w.pull > 0.0 {
-            let t = tape.value(target).to_points();
-            let (index, _) = KdTree::new(&t).nearest_all(&verts[..v]);
-            let nearest = tape.gather_rows(target, index);
-            let off = tape.sub(moved, nearest);
-            let off = tape.square(off);
-            let off = tape.sum_cols(off);
-            let term = tape.mean(off);
-            add(tape, w.pull, term);
-        }
-        let loss = loss.expect("some weight");
-        report.loss = tape.value(loss).item();
-        let mut gradients: Gradients = tape.backward(loss);
-        let d_sdf = gradients.take(sdf_all).expect("depends");
-        let d_gradient = gradients.take(gradient_all).unwrap_or_else(|| Tensor::zeros(&[v + n, 3]));
-        let mut field_gradients = self.pass.backward(&d_sdf, &d_gradient);
-        report.gradient_norm = if self.config.clip > 0.0 {
-            clip_norm(&mut field_gradients, self.config.clip)
-        } else {
-            gradient_norm(&field_gradients)
-        };
-        if !report.loss.is_finite() || !report.gradient_norm.is_finite() {
-            return Err(Error::new(ErrorKind::Diverged, "diverged"));
-        }
-        report.field_rate = self.config.field_rate.rate_at(self.step, self.total);
-        report.bsp_rate = self.config.bsp_rate.rate_at(self.step, self.total);
-        let bsp_gradients = bound.map(|p: Bound| p.collect(&mut gradients));
+impl Workspace {
+    /// Forgets the band and what the last step left.
+    pub fn reset(&mut self) {
         self.tape.clear();
         self.pass.release();
-        self.adam_field.step(self.field.params_mut().values_mut(), &field_gradients, report.field_rate);
-        if let Some(g) = bsp_gradients {
-            self.adam_bsp.step(self.bsp.params_mut().values_mut(), &g, report.bsp_rate);
+        self.band = None;
+    }
+}
+
+/// The active part of the grid.
+struct Band {
+    resolution: usize,
+    verts: Vec<[f32; 3]>,
+    /// Active vertices on the border of the grid, where the field counts as outside, so that the surface is closed.
+    border: Vec<u32>,
+    /// What the field is raised to there.
+    outside: f32,
+    topology: BandTopology,
+}
+
+/// What of the cloud a step sees.
+pub(super) struct View {
+    /// Indices in the cloud (q).
+    pub rows: Vec<u32>,
+    /// Their points, working frame.
+    pub points: Vec<[f32; 3]>,
+    /// The block whose patches are trained.
+    pub block: Option<usize>,
+}
+
+/// The field as a step sees it.
+pub(super) struct Sampled {
+    /// At the active vertices, then at the seen points of the cloud if a term asks for them.
+    pub values: FieldValues,
+    /// Rows that were raised on the border.
+    raised: Vec<u32>,
+}
+
+/// A step on the tape.
+pub(super) struct Recorded {
+    pub loss: Var,
+    field: FieldVars,
+    map: Option<Bound>,
+    surface: Option<Var>,
+    pub terms: Terms,
+}
+
+/// Gradients of the field and of the map, parameter by parameter.
+pub(super) struct Pulled {
+    pub field: Vec<Option<Tensor>>,
+    pub map: Option<Vec<Option<Tensor>>>,
+}
+
+/// Coordinates beyond this mean that training has left the neighbourhood of the cloud for good.
+const FAR: f32 = 1e6;
+
+impl Trainer {
+    /// One iteration. On an error the parameters are as before it; what it worked with is not.
+    pub(super) fn try_step(&mut self) -> Result<StepReport, Error> {
+        let began = Instant::now();
+        let refreshed = self.refresh_band()?;
+        let view = self.view();
+        let sampled = self.sample_field(&view)?;
+        self.march(&sampled)?;
+        let recorded = self.record(&sampled, &view)?;
+        let mut pulled = self.pull_back(&recorded, &sampled);
+        let mut report = self.report(&recorded);
+        report.gradient_norm = match self.config.clip {
+            0.0 => gradient_norm(&pulled.field),
+            most => clip_norm(&mut pulled.field, most),
+        };
+        if !report.loss.is_finite() {
+            return Err(diverged("the loss is not finite"));
         }
+        check_gradients("the field", &pulled.field)?;
+        if let Some(gradients) = &pulled.map {
+            check_gradients("the parameterization", gradients)?;
+        }
+        if refreshed {
+            // This state is known to have a surface, a finite loss and finite gradients.
+            self.good = self.snapshot();
+        }
+        self.keep_surface(&recorded, &view);
+        self.update(&pulled, &report);
         self.step += 1;
         report.seconds = began.elapsed().as_secs_f64();
         Ok(report)
     }
 
-    pub fn steps_done(&self) -> usize {
-        self.step
+    /// The grid resolution of a step.
+    fn resolution_at(&self, step: usize) -> usize {
+        let mut end = 0;
+        let stages = &self.config.stages;
+        let in_stage = |s: &&super::Stage| {
+            end += s.steps;
+            step < end
+        };
+        stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution)
     }
 
-    pub fn total_steps(&self) -> usize {
-        self.total
-    }
-
-    pub fn last_recovery(&self) -> Option<&str> {
-        None
-    }
-
-    pub fn finish(self) -> Reconstruction {
-        Reconstruction {
-            config: self.config,
-            normalizer: self.normalizer,
-            cloud: self.input,
-            field: self.field,
-            surface: self.surface,
+    /// Searches for the surface on the grid, if it is time to. Returns whether it was.
+    fn refresh_band(&mut self) -> Result<bool, Error> {
+        let resolution = self.resolution_at(self.step);
+        let fresh = self.work.band.as_ref().is_some_and(|b| b.resolution == resolution);
+        if fresh && self.step % self.config.band.refresh != 0 {
+            return Ok(false);
         }
+        self.build_band(resolution)?;
+        Ok(true)
     }
-}
 
-pub(super) struct Prepared {
-    pub config: Config,
-    pub cloud: Vec<[f32; 3]>,
-    pub merged: usize,
-    pub normalizer: Normalizer,
-}
-
-pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, Error> {
-    config.validate()?;
-    let clean = clean_cloud(points)?;
-    let normalizer = Normalizer::of(&clean.points)?;
-    Ok(Prepared {
-        config: config.clone().for_points(clean.points.len()),
-        cloud: clean.points,
-        merged: clean.duplicates_merged,
-        normalizer,
-    })
-}
-
-fn sample_faces(tape: &mut Tape, vbar: Var, faces: &[[u32; 3]], count: usize, seed: u64, step: usize) -> Var {
-    let x = tape.value(vbar).to_points();
-    let mut sums = Vec::with_capacity(faces.len());
-    let mut sum = 0.0f64;
-    for f in faces {
-        let [a, b, c] = f.map(|i| x[i as usize]);
-        let u: [f64; 3] = std::array::from_fn(|d| f64::from(b[d] - a[d]));
-        let v: [f64; 3] = std::array::from_fn(|d| f64::from(c[d] - a[d]));
-        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        sum += (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-        sums.push(sum);
-    }
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
-    rng.set_stream(step as u64 + 1);
-    let mut index = [Vec::with_capacity(count), Vec::with_capacity(count), Vec::with_capacity(count)];
-    let mut weight = [Vec::with_capacity(count), Vec::with_capacity(count), Vec::with_capacity(count)];
-    for i in 0..count {
-        // Stratified along the cumulative area.
-        let at = (i as f64 + rng.random::<f64>()) / count as f64 * sum;
-        let f = sums.partition_point(|&s| s < at).min(faces.len() - 1);
-        let r = rng.random::<f32>().sqrt();
-        let u = rng.random::<f32>();
-        for (k, w) in [1.0 - r, r * (1.0 - u), r * u].into_iter().enumerate() {
-            index[k].push(faces[f][k]);
-            weight[k].push(w);
-        }
-    }
-    let mut out = None;
-    for (index, weight) in index.into_iter().zip(weight) {
-        let corner = tape.gather_rows(vbar, index);
-        let weight = tape.constant(Tensor::from_vec(&[count, 1], weight));
-        let part = tape.mul(corner, weight);
-        out = Some(match out {
-            Some(o) => tape.add(o, part),
-            None => part,
+    /// Searches for the surface on the grid by the present field.
+    pub(super) fn build_band(&mut self, resolution: usize) -> Result<(), Error> {
+        let grid = TetGrid::working_frame(resolution)?;
+        let field = &self.field;
+        let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
+        let active = active_set(&grid, &mut eval, &self.cloud, self.config.band.rings)?;
+        let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
+        self.work.band = Some(Band {
+            resolution,
+            border: (0..).zip(&active.ids).filter(on_border).map(|(i, _)| i).collect(),
+            outside: 1e-3 * grid.spacing(),
+            topology: active.topology(),
+            verts: active.positions,
         });
+        Ok(())
     }
-    out.expect("three corners")
+
+    /// Builds the band of the step that last searched for it, by the field as it was then: for a resumed run.
+    #[cfg(feature = "checkpoint")]
+    pub(super) fn rebuild_band(&mut self) -> Result<(), Error> {
+        let now = self.snapshot();
+        let good = self.good.clone();
+        self.restore(&good);
+        if now.step > good.step {
+            self.build_band(self.resolution_at(good.step))?;
+        }
+        let band = self.work.band.take();
+        self.restore(&now);
+        self.work.band = band;
+        Ok(())
+    }
+
+    /// Chooses the points of the cloud and the patches that this step sees.
+    pub(super) fn view(&self) -> View {
+        let n = self.cloud.len();
+        let size = self.config.batch.points;
+        let rows: Vec<u32> = if n <= size {
+            (0..n as u32).collect()
+        } else {
+            (0..size).map(|i| self.order[(self.step * size + i) % n]).collect()
+        };
+        let every = self.config.bsp_every;
+        let trains = self.map.is_some() && every > 0 && self.step % every == 0;
+        let block = trains.then(|| self.step / every % self.blocks.len());
+        View { points: rows.iter().map(|&i| self.cloud[i as usize]).collect(), rows, block }
+    }
+
+    /// Evaluates the field where this step looks at it.
+    pub(super) fn sample_field(&mut self, view: &View) -> Result<Sampled, Error> {
+        let Workspace { tape, pass, band, .. } = &mut self.work;
+        let band = band.as_ref().expect("refreshed first");
+        tape.clear();
+        let mut verts = band.verts.clone();
+        if self.config.weights.points > 0.0 || self.config.weights.eikonal > 0.0 {
+            verts.extend_from_slice(&view.points);
+        }
+        let mut values = pass.forward(&self.field, &verts, tape.pool());
+        let finite = values.sdf.is_finite() && values.gradient.is_finite();
+        if !finite || values.offset.as_ref().is_some_and(|o| !o.is_finite()) {
+            return Err(diverged("the field is not finite"));
+        }
+        let sdf = values.sdf.data_mut();
+        let raised: Vec<u32> =
+            band.border.iter().copied().filter(|&i| sdf[i as usize] < band.outside).collect();
+        for &i in &raised {
+            sdf[i as usize] = band.outside;
+        }
+        Ok(Sampled { values, raised })
+    }
+
+    /// Finds which edges of the band the surface crosses.
+    pub(super) fn march(&mut self, sampled: &Sampled) -> Result<(), Error> {
+        let Workspace { band, iso, .. } = &mut self.work;
+        let topology = &band.as_ref().expect("refreshed first").topology;
+        let sdf = &sampled.values.sdf.data()[..topology.vert_count()];
+        let inside: Vec<bool> = sdf.iter().map(|&s| s < 0.0).collect();
+        topology.march_into(&inside, iso);
+        if iso.faces.is_empty() {
+            return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
+        }
+        Ok(())
+    }
+
+    /// Puts the step on the tape: moved vertices, surface, target, and the loss.
+    pub(super) fn record(&mut self, sampled: &Sampled, view: &View) -> Result<Recorded, Error> {
+        let Workspace { tape, band, iso, .. } = &mut self.work;
+        let band = band.as_ref().expect("refreshed first");
+        let v = band.verts.len();
+        tape.clear();
+        let all = FieldVars {
+            sdf: tape.input(sampled.values.sdf.clone()),
+            gradient: tape.input(sampled.values.gradient.clone()),
+            offset: sampled.values.offset.clone().map(|o| tape.input(o)),
+        };
+        let rows = tape.value(all.sdf).rows();
+        let at_verts = FieldVars {
+            sdf: tape.slice_rows(all.sdf, 0..v),
+            gradient: tape.slice_rows(all.gradient, 0..v),
+            offset: all.offset.map(|o| tape.slice_rows(o, 0..v)),
+        };
+        let verts = tape.constant(Tensor::from_points(&band.verts));
+        let moved = deform(tape, self.config.deformation, verts, &at_verts);
+        let crossings = tape.edge_crossing(moved, at_verts.sdf, &iso.edges[..]);
+        check_near("the extracted surface", tape.value(crossings))?;
+        let drawn = match self.config.surface_samples {
+            0 => crossings,
+            count => {
+                let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
+                rng.set_stream(self.step as u64 + 1);
+                sample_faces(tape, crossings, &iso.faces, count, &mut rng)
+            }
+        };
+        let cloud = tape.constant(Tensor::from_points(&view.points));
+
+        let mut bound = None;
+        let mut live = None;
+        let mut para = None;
+        if let (Some(map), Some(block)) = (&self.map, view.block) {
+            let block = &self.blocks[block];
+            let p = map.params().bind(tape, true);
+            let (surface, context) = forward_map(tape, map, &p, &self.cloud, block)?;
+            if self.config.weights.para > 0.0 {
+                para = Some(para_term(tape, surface, context, block));
+            }
+            (bound, live) = (Some(p), Some(surface));
+        }
+        let target = self
+            .map
+            .as_ref()
+            .map(|map| surface_target(tape, map, live, &self.surface, self.blocks.len(), view));
+
+        let scene = Scene {
+            verts: &band.verts,
+            faces: &iso.faces,
+            field: at_verts,
+            cloud_sdf: (rows > v && self.config.weights.points > 0.0)
+                .then(|| tape.slice_rows(all.sdf, v..rows)),
+            gradient: all.gradient,
+            moved,
+            crossings,
+            drawn,
+            cloud,
+            surface: target,
+            para,
+        };
+        let (loss, terms) = add_terms(tape, &self.config, &scene);
+        Ok(Recorded { loss, field: all, map: bound, surface: live, terms })
+    }
+
+    /// The gradients of all parameters: through the tape to the field's values, and chunk by chunk through the field.
+    pub(super) fn pull_back(&mut self, recorded: &Recorded, sampled: &Sampled) -> Pulled {
+        let Workspace { tape, pass, .. } = &mut self.work;
+        let mut gradients = tape.backward(recorded.loss);
+        let mut take =
+            |var: Var, like: &Tensor| gradients.take(var).unwrap_or_else(|| Tensor::zeros(like.dims()));
+        let values = &sampled.values;
+        let mut d = FieldValues {
+            sdf: take(recorded.field.sdf, &values.sdf),
+            gradient: take(recorded.field.gradient, &values.gradient),
+            offset: recorded.field.offset.zip(values.offset.as_ref()).map(|(var, like)| take(var, like)),
+        };
+        // A raised value does not depend on the field.
+        for &i in &sampled.raised {
+            d.sdf.data_mut()[i as usize] = 0.0;
+        }
+        Pulled {
+            field: pass.backward(&self.field, &d),
+            map: recorded.map.as_ref().map(|p| p.collect(&mut gradients)),
+        }
+    }
+
+    fn report(&self, recorded: &Recorded) -> StepReport {
+        let Config { field_rate, bsp_rate, .. } = &self.config;
+        let total = self.total_steps();
+        let band = self.work.band.as_ref();
+        let terms = &recorded.terms;
+        StepReport {
+            step: self.step,
+            total,
+            resolution: band.map_or(0, |b| b.resolution),
+            loss: self.work.tape.value(recorded.loss).item(),
+            para: terms.para,
+            deform: terms.deform,
+            surf: terms.surf,
+            eikonal: terms.eikonal,
+            laplacian: terms.laplacian,
+            points: terms.points,
+            pull: terms.pull,
+            cover: terms.cover,
+            field_rate: self.caution() * field_rate.rate_at(self.step, total),
+            bsp_rate: self.caution() * bsp_rate.rate_at(self.step, total),
+            gradient_norm: 0.0,
+            active_verts: band.map_or(0, |b| b.verts.len()),
+            surface_verts: self.work.iso.edges.len(),
+            recoveries: self.recoveries,
+            seconds: 0.0,
+        }
+    }
+
+    /// Remembers the trained block's part of S for the steps that do not compute it.
+    fn keep_surface(&mut self, recorded: &Recorded, view: &View) {
+        if let (Some(map), Some(part), Some(block)) = (&self.map, recorded.surface, view.block) {
+            let part = self.work.tape.value(part).to_points();
+            map.place(&self.blocks[block], &part, &mut self.surface);
+        }
+    }
+
+    /// Steps along the gradients.
+    fn update(&mut self, pulled: &Pulled, report: &StepReport) {
+        // Parameters that a tape holds would be copied.
+        self.work.tape.clear();
+        self.work.pass.release();
+        self.field_adam.step(self.field.params_mut().values_mut(), &pulled.field, report.field_rate);
+        if let (Some(map), Some(adam), Some(gradients)) = (&mut self.map, &mut self.map_adam, &pulled.map) {
+            adam.step(map.params_mut().values_mut(), gradients, report.bsp_rate);
+        }
+    }
+}
+
+/// A block's part of S and its context (c x 3), on the tape.
+pub(super) fn forward_map(
+    tape: &mut Tape,
+    map: &SurfaceMap,
+    p: &Bound,
+    cloud: &[[f32; 3]],
+    block: &Neighbourhood,
+) -> Result<(Var, Var), Error> {
+    let context: Vec<[f32; 3]> = block.context().iter().map(|&i| cloud[i as usize]).collect();
+    let context = tape.constant(Tensor::from_points(&context));
+    let surface = map.forward(tape, p, context, block);
+    check_near("the parameterized surface", tape.value(surface))?;
+    Ok((surface, context))
+}
+
+/// L_para of a block: from its part of S to all points around, and from its centres to its part of S.
+pub(super) fn para_term(tape: &mut Tape, surface: Var, context: Var, block: &Neighbourhood) -> Var {
+    let b = block.centres().len();
+    if b == block.context().len() {
+        return tape.chamfer(surface, context, Direction::BOTH);
+    }
+    let centres = tape.slice_rows(context, 0..b);
+    let out = tape.chamfer(surface, context, Direction::FORWARD);
+    let back = tape.chamfer(surface, centres, Direction::BACKWARD);
+    tape.add(out, back)
+}
+
+/// The part of S that stands for it in this step: all of it, live if it is being trained; for a cloud in several blocks
+/// the live part with the remembered patches of the points in view.
+fn surface_target(
+    tape: &mut Tape,
+    map: &SurfaceMap,
+    live: Option<Var>,
+    remembered: &[[f32; 3]],
+    blocks: usize,
+    view: &View,
+) -> Var {
+    if blocks == 1 {
+        return live.unwrap_or_else(|| tape.constant(Tensor::from_points(remembered)));
+    }
+    let rows = view.rows.iter().flat_map(|&point| &remembered[map.rows_of(point)]);
+    let rows: Vec<[f32; 3]> = rows.copied().collect();
+    let rows = tape.constant(Tensor::from_points(&rows));
+    match live {
+        Some(live) => tape.concat_rows([live, rows]),
+        None => rows,
+    }
+}
+
+fn diverged(message: impl Into<String>) -> Error {
+    Error::new(ErrorKind::Diverged, message)
+}
+
+/// Refuses coordinates that neighbour searches cannot take.
+fn check_near(what: &str, points: &Tensor) -> Result<(), Error> {
+    // Written so that NaN is refused.
+    if points.data().iter().all(|x| x.abs() < FAR) {
+        return Ok(());
+    }
+    Err(diverged(format!("{what} is not finite or far away")))
+}
+
+/// Refuses gradients that are not finite.
+pub(super) fn check_gradients(what: &str, gradients: &[Option<Tensor>]) -> Result<(), Error> {
+    if gradient_norm(gradients).is_finite() {
+        return Ok(());
+    }
+    Err(diverged(format!("the gradient of {what} is not finite")))
 }

@@ -1,0 +1,161 @@
+//! Which points are seen together: the whole cloud, or a compact block of a large one and what is around it.
+
+use super::BspConfig;
+use crate::geometry::KdTree;
+use std::sync::Arc;
+
+/// A part of a cloud with everything that the patches of its centres depend on.
+///
+/// Of b centres: the context is c points, the centres first, and all indices below are into it. For a whole cloud it
+/// is the cloud. For a block it also holds the points near the centres; those have exact neighbours themselves only
+/// as far as these are in the context.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Neighbourhood {
+    context: Vec<u32>,
+    centres: usize,
+    neighbours: Arc<[u32]>,
+    reach: Option<Arc<[u32]>>,
+}
+
+impl Neighbourhood {
+    /// The whole cloud, `points` (n x 3).
+    ///
+    /// # Panics
+    /// If the cloud is empty.
+    #[track_caller]
+    pub fn whole(points: &[[f32; 3]], config: &BspConfig) -> Self {
+        let n = points.len();
+        let tree = KdTree::new(points);
+        let reach =
+            (config.reach > 0 && config.reach < n).then(|| tree.k_nearest(points, config.reach).into());
+        Neighbourhood {
+            context: (0..n as u32).collect(),
+            centres: n,
+            neighbours: tree.k_nearest(points, config.neighbours.clamp(1, n)).into(),
+            reach,
+        }
+    }
+
+    /// The cloud in blocks of at most `size` centres: one if it is no larger, else halves of halves along their longest
+    /// sides. Every point is a centre of one block.
+    ///
+    /// # Panics
+    /// If the cloud is empty or `size` is 0.
+    #[track_caller]
+    pub fn blocks(points: &[[f32; 3]], config: &BspConfig, size: usize) -> Vec<Self> {
+        assert!(size > 0, "blocks of no centres");
+        if points.len() <= size {
+            return vec![Self::whole(points, config)];
+        }
+        let tree = KdTree::new(points);
+        let mut parts = Vec::new();
+        split((0..points.len() as u32).collect(), points, size, &mut parts);
+        parts.into_iter().map(|centres| Self::block(points, &tree, centres, config)).collect()
+    }
+
+    fn block(points: &[[f32; 3]], tree: &KdTree, centres: Vec<u32>, config: &BspConfig) -> Self {
+        let n = points.len();
+        let (reach, k) = (config.reach.min(n), config.neighbours.clamp(1, n));
+        let around = reach.max(k);
+        let places: Vec<[f32; 3]> = centres.iter().map(|&i| points[i as usize]).collect();
+        let near = tree.k_nearest(&places, around);
+        let mut row = vec![u32::MAX; n];
+        let b = centres.len();
+        let mut context = centres;
+        for (i, &point) in context.iter().enumerate() {
+            row[point as usize] = i as u32;
+        }
+        for &point in &near {
+            if row[point as usize] == u32::MAX {
+                row[point as usize] = context.len() as u32;
+                context.push(point);
+            }
+        }
+        let places: Vec<[f32; 3]> = context.iter().map(|&i| points[i as usize]).collect();
+        let neighbours = KdTree::new(&places).k_nearest(&places, k).into();
+        let reach = (reach > 0).then(|| {
+            let nearest = near.chunks_exact(around).flat_map(|near| &near[..reach]);
+            nearest.map(|&point| row[point as usize]).collect()
+        });
+        Neighbourhood { context, centres: b, neighbours, reach }
+    }
+
+    /// Lists every point in the reach of every centre, nearest first.
+    #[cfg(test)]
+    pub(super) fn attend_to_all(&mut self, points: &[[f32; 3]]) {
+        self.reach = Some(KdTree::new(points).k_nearest(points, points.len()).into());
+    }
+
+    /// The context's indices in the cloud (c), the centres first.
+    pub fn context(&self) -> &[u32] {
+        &self.context
+    }
+
+    /// The centres' indices in the cloud (b).
+    pub fn centres(&self) -> &[u32] {
+        &self.context[..self.centres]
+    }
+
+    /// The neighbours of every context point, c k.
+    pub(super) fn neighbours(&self) -> Arc<[u32]> {
+        self.neighbours.clone()
+    }
+
+    /// The points that the patch of each centre attends to, b r; `None` for the whole context.
+    pub(super) fn reach(&self) -> Option<&Arc<[u32]>> {
+        self.reach.as_ref()
+    }
+}
+
+fn split(mut points: Vec<u32>, at: &[[f32; 3]], size: usize, parts: &mut Vec<Vec<u32>>) {
+    if points.len() <= size {
+        parts.push(points);
+        return;
+    }
+    let extent = |d: usize| {
+        let values = || points.iter().map(|&i| at[i as usize][d]);
+        values().fold(f32::MIN, f32::max) - values().fold(f32::MAX, f32::min)
+    };
+    let longest = (0..3).fold(0, |best, d| if extent(d) > extent(best) { d } else { best });
+    let order =
+        |a: &u32, b: &u32| at[*a as usize][longest].total_cmp(&at[*b as usize][longest]).then(a.cmp(b));
+    points.sort_unstable_by(order);
+    let upper = points.split_off(points.len() / 2);
+    split(points, at, size, parts);
+    split(upper, at, size, parts);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ops::testing::normal;
+
+    #[test]
+    fn blocks_hold_every_point_once_and_what_it_depends_on() {
+        let config = BspConfig { reach: 6, ..super::super::tests::small(6, true) };
+        for n in [1, 2, 7, 40, 133] {
+            let points = normal(&[n, 3], n as u64).to_points();
+            let tree = KdTree::new(&points);
+            for size in [3, 16, 200] {
+                let blocks = Neighbourhood::blocks(&points, &config, size);
+                let mut all: Vec<u32> = blocks.iter().flat_map(|b| b.centres().to_vec()).collect();
+                all.sort_unstable();
+                assert!(all.into_iter().eq(0..n as u32));
+                for block in &blocks {
+                    let b = block.centres().len();
+                    assert!(b <= size.max(n.min(size)));
+                    let cloud = |rows: &[u32]| -> Vec<u32> {
+                        rows.iter().map(|&r| block.context()[r as usize]).collect()
+                    };
+                    let places: Vec<[f32; 3]> = block.centres().iter().map(|&i| points[i as usize]).collect();
+                    let k = config.neighbours.min(n);
+                    // The centres' own neighbours are those in the whole cloud.
+                    assert_eq!(cloud(&block.neighbours[..b * k]), tree.k_nearest(&places, k));
+                    if let Some(reach) = block.reach() {
+                        assert_eq!(cloud(reach), tree.k_nearest(&places, config.reach.min(n)));
+                    }
+                }
+            }
+        }
+    }
+}

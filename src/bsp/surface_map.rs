@@ -1,0 +1,197 @@
+//! The parameterizations behind one door.
+
+use super::{Atlas, Bsp, BspConfig, Neighbourhood};
+use crate::autodiff::{Tape, Var};
+use crate::nn::{Bound, Params};
+use crate::tensor::Tensor;
+use rand::rngs::ChaCha8Rng;
+
+/// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Parameterization {
+    /// Bijective surface parameterization: local patches on the sphere.
+    Bsp,
+    /// No S, the cloud stands for itself ("Sparse").
+    None,
+    /// One perceptron from the sphere to space ("Single").
+    Single,
+    /// Several perceptrons, each from a square of its own to space ("Multiple"; AtlasNet).
+    Multiple {
+        /// How many.
+        maps: usize,
+    },
+}
+
+/// Points on the surface of a global map, at most; they are all computed in every step.
+const GLOBAL_CODES: usize = 40_960;
+
+/// What makes S.
+#[derive(Clone, Debug)]
+pub enum SurfaceMap {
+    /// Patch by patch.
+    Bsp(Box<Bsp>),
+    /// All at once.
+    Atlas(Atlas),
+}
+
+impl SurfaceMap {
+    /// The map for the cloud `points` (n x 3, working frame); `None` for [`Parameterization::None`]. The global maps
+    /// have as many points as BSP would, n M, up to 40,960.
+    ///
+    /// # Panics
+    /// As [`Bsp::new`] and [`Atlas::sphere`].
+    #[track_caller]
+    pub fn new(
+        parameterization: Parameterization,
+        config: BspConfig,
+        points: &[[f32; 3]],
+        rng: &mut ChaCha8Rng,
+    ) -> Option<Self> {
+        let codes = (points.len() * config.patch).min(GLOBAL_CODES);
+        let c = config.channels;
+        Some(match parameterization {
+            Parameterization::None => return None,
+            Parameterization::Bsp => SurfaceMap::Bsp(Box::new(Bsp::new(config, points, rng))),
+            Parameterization::Single => SurfaceMap::Atlas(Atlas::sphere(codes, c, rng)),
+            Parameterization::Multiple { maps } => {
+                SurfaceMap::Atlas(Atlas::squares(maps, codes.div_ceil(maps), c, rng))
+            }
+        })
+    }
+
+    /// The parameters.
+    pub fn params(&self) -> &Params {
+        match self {
+            SurfaceMap::Bsp(bsp) => bsp.params(),
+            SurfaceMap::Atlas(atlas) => atlas.params(),
+        }
+    }
+
+    /// The parameters, to be changed.
+    pub fn params_mut(&mut self) -> &mut Params {
+        match self {
+            SurfaceMap::Bsp(bsp) => bsp.params_mut(),
+            SurfaceMap::Atlas(atlas) => atlas.params_mut(),
+        }
+    }
+
+    /// The parts that S is made in, for at most `size` centres each; a global map is made in one.
+    ///
+    /// # Panics
+    /// If the cloud is empty or `size` is 0.
+    #[track_caller]
+    pub fn blocks(&self, points: &[[f32; 3]], size: usize) -> Vec<Neighbourhood> {
+        match self {
+            SurfaceMap::Bsp(bsp) => Neighbourhood::blocks(points, bsp.config(), size),
+            SurfaceMap::Atlas(_) => {
+                let config = BspConfig { neighbours: 1, reach: 0, ..BspConfig::default() };
+                vec![Neighbourhood::whole(points, &config)]
+            }
+        }
+    }
+
+    /// The number of points on S for a cloud of n points.
+    pub fn surface_len(&self, n: usize) -> usize {
+        match self {
+            SurfaceMap::Bsp(bsp) => n * bsp.config().patch,
+            SurfaceMap::Atlas(atlas) => atlas.surface_len(),
+        }
+    }
+
+    /// A block's part of S. `context` is c x 3: the points of `block.context()`.
+    ///
+    /// # Panics
+    /// If `context` does not fit the block.
+    #[track_caller]
+    pub fn forward(&self, tape: &mut Tape, p: &Bound, context: Var, block: &Neighbourhood) -> Var {
+        match self {
+            SurfaceMap::Bsp(bsp) => bsp.forward(tape, p, context, block).surface,
+            SurfaceMap::Atlas(atlas) => atlas.forward(tape, p),
+        }
+    }
+
+    /// The rows of S that come from a point of the cloud; all rows for a global map.
+    pub fn rows_of(&self, point: u32) -> std::ops::Range<usize> {
+        match self {
+            SurfaceMap::Bsp(bsp) => {
+                let patch = bsp.config().patch;
+                point as usize * patch..(point as usize + 1) * patch
+            }
+            SurfaceMap::Atlas(atlas) => 0..atlas.surface_len(),
+        }
+    }
+
+    /// Puts a block's part of S, as [`forward`](Self::forward) gives it, into its rows of the whole.
+    ///
+    /// # Panics
+    /// If a number of points does not fit.
+    #[track_caller]
+    pub fn place(&self, block: &Neighbourhood, part: &[[f32; 3]], surface: &mut [[f32; 3]]) {
+        match self {
+            SurfaceMap::Bsp(bsp) => {
+                let patches = part.chunks_exact(bsp.config().patch);
+                assert!(patches.len() == block.centres().len(), "place: {} points of S", part.len());
+                for (&centre, patch) in block.centres().iter().zip(patches) {
+                    surface[self.rows_of(centre)].copy_from_slice(patch);
+                }
+            }
+            SurfaceMap::Atlas(_) => surface.copy_from_slice(part),
+        }
+    }
+
+    /// All of S (i x 3) for the cloud `points` (n x 3), block by block and without gradients.
+    pub fn surface(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> Vec<[f32; 3]> {
+        let mut surface = vec![[0.0; 3]; self.surface_len(points.len())];
+        let mut tape = Tape::new();
+        for block in blocks {
+            tape.clear();
+            let p = self.params().bind(&mut tape, false);
+            let context: Vec<[f32; 3]> = block.context().iter().map(|&i| points[i as usize]).collect();
+            let context = tape.constant(Tensor::from_points(&context));
+            let part = self.forward(&mut tape, &p, context, block);
+            self.place(block, &tape.value(part).to_points(), &mut surface);
+        }
+        surface
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::ops::testing::normal;
+    use rand::SeedableRng;
+
+    #[test]
+    fn blocks_give_the_surface_that_the_whole_gives_where_their_context_is_complete() {
+        // With all points in every context the blocks differ from the whole in nothing but the order of sums.
+        let points = normal(&[21, 3], 3).to_points();
+        let config = BspConfig { neighbours: 4, reach: 21, ..super::super::tests::small(21, true) };
+        let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
+            .unwrap();
+        let whole = map.surface(&points, &map.blocks(&points, 100));
+        let blocks = map.blocks(&points, 6);
+        assert!(blocks.len() > 3);
+        for (a, b) in whole.iter().zip(map.surface(&points, &blocks)) {
+            assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-4), "{a:?} {b:?}");
+        }
+    }
+
+    #[test]
+    fn every_parameterization_gives_its_number_of_points() {
+        let points = normal(&[9, 3], 3).to_points();
+        for (kind, want) in [
+            (Parameterization::Bsp, 27),
+            (Parameterization::Single, 27),
+            (Parameterization::Multiple { maps: 5 }, 30),
+        ] {
+            let config = super::super::tests::small(4, true);
+            let map = SurfaceMap::new(kind, config, &points, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+            let surface = map.surface(&points, &map.blocks(&points, 4));
+            assert_eq!((surface.len(), map.surface_len(9)), (want, want));
+            assert!(surface.iter().flatten().all(|x| x.is_finite()));
+        }
+        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let none = Parameterization::None;
+        assert!(SurfaceMap::new(none, super::super::tests::small(4, true), &points, &mut rng).is_none());
+    }
+}

@@ -1,0 +1,542 @@
+//! Tests of the whole training: gradients of a step, shapes, determinism, recovery, checkpoints.
+
+use super::*;
+use crate::bsp::Parameterization;
+use crate::error::ErrorKind;
+use crate::gdo::{Activation, Deformation};
+use crate::geometry::Shape;
+use crate::optim::gradient_norm;
+use crate::tensor::Tensor;
+use std::ops::ControlFlow;
+
+/// A configuration that runs in well under a second.
+fn tiny() -> Config {
+    let mut config = Config::preset(Preset::Default);
+    config.field.width = 16;
+    config.field.depth = 2;
+    config.field.octaves = 1;
+    config.field.activation = Activation::Softplus { beta: 20.0 };
+    config.bsp.channels = 8;
+    config.bsp.heads = 2;
+    config.bsp.patch = 4;
+    config.bsp.reach = 5;
+    config.bsp_pretrain = 5;
+    config.start.steps = 30;
+    config.stages = vec![Stage { resolution: 8, steps: 6 }, Stage { resolution: 12, steps: 6 }];
+    config
+}
+
+/// A sphere that is not centred, so that frames matter.
+fn ball(n: usize) -> Vec<[f32; 3]> {
+    let points = Shape::Sphere { radius: 3.0 }.sample(n, 5).0;
+    points.into_iter().map(|p| [p[0] + 10.0, p[1] - 4.0, p[2]]).collect()
+}
+
+fn run(points: &[[f32; 3]], config: &Config) -> Reconstruction {
+    reconstruct(points, config, &mut |_| ControlFlow::Continue(())).unwrap()
+}
+
+fn bits(result: &Reconstruction) -> (Vec<u32>, Vec<[u32; 3]>, Vec<u32>) {
+    let mesh = result.mesh(20).unwrap();
+    let bits = |points: &[[f32; 3]]| points.as_flattened().iter().map(|x| x.to_bits()).collect();
+    (bits(&mesh.verts), mesh.faces, bits(&result.surface_points()))
+}
+
+/// Every term, every part, live and smooth.
+fn all_terms() -> Config {
+    let mut config = tiny();
+    config.weights = Weights {
+        para: 10.0,
+        deform: 1.0,
+        surf: 0.1,
+        eikonal: 0.05,
+        laplacian: 0.1,
+        points: 0.1,
+        pull: 0.3,
+        cover: 1.0,
+    };
+    config.field.activation = Activation::Softplus { beta: 5.0 };
+    config.band.rings = 1;
+    config
+}
+
+/// The loss of the trainer's step with the topology of an earlier call of `march`.
+fn loss_at(trainer: &mut Trainer) -> f64 {
+    let view = trainer.view();
+    let sampled = trainer.sample_field(&view).unwrap();
+    let recorded = trainer.record(&sampled, &view).unwrap();
+    f64::from(trainer.work.tape.value(recorded.loss).item())
+}
+
+/// A random direction of unit length.
+fn direction(dims: &[usize], seed: u64) -> Tensor {
+    let mut d = crate::ops::testing::normal(dims, seed);
+    let length = d.data().iter().map(|x| x * x).sum::<f32>().sqrt();
+    d.data_mut().iter_mut().for_each(|x| *x /= length);
+    d
+}
+
+/// Moves one parameter of the field (or of the map) along a direction.
+fn nudge(trainer: &mut Trainer, map: bool, index: usize, along: &Tensor, by: f32) {
+    trainer.work.tape.clear();
+    trainer.work.pass.release();
+    let values = match &mut trainer.map {
+        Some(m) if map => m.params_mut().values_mut(),
+        _ => trainer.field.params_mut().values_mut(),
+    };
+    let value = std::sync::Arc::make_mut(&mut values[index]);
+    value.data_mut().iter_mut().zip(along.data()).for_each(|(v, d)| *v += by * d);
+}
+
+/// Compares the gradients of a whole step with differences of its loss, for every parameter of both networks.
+/// Returns how many agreed and how many lay too close to a kink (a neighbour or a sign that switches) to tell.
+fn check_step(config: &Config, seed: u64) -> (usize, usize) {
+    let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, seed).0;
+    let config = Config { seed, ..config.clone() };
+    let mut trainer = Trainer::new(&points, &config).unwrap();
+    trainer.build_band(8).unwrap();
+    let view = trainer.view();
+    let sampled = trainer.sample_field(&view).unwrap();
+    trainer.march(&sampled).unwrap();
+    let recorded = trainer.record(&sampled, &view).unwrap();
+    let pulled = trainer.pull_back(&recorded, &sampled);
+    let base = loss_at(&mut trainer);
+
+    let (mut agreed, mut kinks) = (0, 0);
+    let groups = [(false, Some(pulled.field)), (true, pulled.map)];
+    for (map, gradients) in groups.into_iter().filter_map(|(map, g)| Some((map, g?))) {
+        for (index, gradient) in gradients.iter().enumerate() {
+            let gradient = gradient.as_ref().expect("every parameter has a gradient");
+            assert!(gradient.is_finite());
+            let along = direction(gradient.dims(), seed ^ index as u64);
+            let analytic: f64 =
+                gradient.data().iter().zip(along.data()).map(|(g, d)| f64::from(*g) * f64::from(*d)).sum();
+            let mut sides = |h: f32| {
+                let mut at = |by: f32| {
+                    nudge(&mut trainer, map, index, &along, by);
+                    let loss = loss_at(&mut trainer);
+                    nudge(&mut trainer, map, index, &along, -by);
+                    loss
+                };
+                ((at(h) - base) / f64::from(h), (base - at(-h)) / f64::from(h))
+            };
+            // The rounding of a loss near 1 in f32, over the step.
+            let close = |a: f64, b: f64, h: f32| (a - b).abs() <= 0.02 * b.abs() + 4e-7 * base / f64::from(h);
+            let steps = [4e-3, 1e-3, 2.5e-4];
+            let hit = steps.iter().any(|&h| {
+                let (up, down) = sides(h);
+                close(0.5 * (up + down), analytic, h)
+            });
+            if hit {
+                agreed += 1;
+                continue;
+            }
+            // A kink between the steps: the two sides disagree with each other at every step.
+            let kink = steps.iter().all(|&h| {
+                let (up, down) = sides(h);
+                !close(up, down, h)
+            });
+            assert!(kink, "seed {seed}, map {map}, parameter {index}: the step gives {analytic:e}");
+            kinks += 1;
+        }
+    }
+    (agreed, kinks)
+}
+
+#[test]
+fn the_gradient_of_a_whole_step_agrees_with_differences() {
+    let (mut agreed, mut kinks) = (0, 0);
+    for deformation in [Deformation::Projection, Deformation::Tanh, Deformation::Offset] {
+        for (seed, target) in [(1, Target::Surface), (2, Target::SurfaceAndCloud)] {
+            let config = Config { deformation, target, ..all_terms() };
+            let (a, k) = check_step(&config, seed);
+            agreed += a;
+            kinks += k;
+        }
+    }
+    assert!(kinks * 5 < agreed, "{kinks} of {} parameters lay at kinks", agreed + kinks);
+    let sampled = Config { surface_samples: 60, ..all_terms() };
+    assert!(check_step(&Config { bsp_every: 0, ..sampled }, 3).0 > 0);
+}
+
+#[test]
+fn every_parameter_has_a_gradient_that_is_not_zero() {
+    let mut silent: Vec<String> = Vec::new();
+    for parameterization in
+        [Parameterization::Bsp, Parameterization::Single, Parameterization::Multiple { maps: 3 }]
+    {
+        let config = Config { parameterization, ..all_terms() };
+        let mut trainer = Trainer::new(&ball(40), &config).unwrap();
+        trainer.build_band(8).unwrap();
+        let view = trainer.view();
+        let sampled = trainer.sample_field(&view).unwrap();
+        trainer.march(&sampled).unwrap();
+        let recorded = trainer.record(&sampled, &view).unwrap();
+        let pulled = trainer.pull_back(&recorded, &sampled);
+        let map = trainer.map.as_ref().unwrap();
+        let names = trainer.field.params().names().chain(map.params().names());
+        for (name, gradient) in names.zip(pulled.field.into_iter().chain(pulled.map.unwrap())) {
+            let norm = gradient_norm(&[gradient]);
+            assert!(norm.is_finite(), "{name}");
+            if norm < 1e-9 {
+                silent.push(name.to_string());
+            }
+        }
+    }
+    silent.retain(|name| {
+        // A softmax ignores what shifts all its scores alike.
+        !["phi.attention.gamma.layer1.bias", "phi.attention.eta.bias", "psi.block.cross.key.bias"]
+            .contains(&name.as_str())
+    });
+    assert_eq!(silent, [""; 0]);
+}
+
+/// Small but enough for simple shapes.
+fn quick() -> Config {
+    let mut config = Config::preset(Preset::Default);
+    config.field.width = 32;
+    config.field.depth = 3;
+    config.field.octaves = 2;
+    config.bsp.channels = 16;
+    config.bsp.heads = 2;
+    config.bsp.patch = 6;
+    config.bsp_pretrain = 30;
+    config.start.steps = 200;
+    config.stages = vec![Stage { resolution: 20, steps: 60 }];
+    config
+}
+
+/// Reconstructs a shape of known topology from a few points, in a frame of its own.
+fn check_shape(shape: Shape, count: usize, components: usize, genus: i64) {
+    let points: Vec<[f32; 3]> =
+        shape.sample(count, 3).0.into_iter().map(|p| [7.0 * p[0] + 100.0, 7.0 * p[1], 7.0 * p[2]]).collect();
+    let result = run(&points, &quick());
+    let mesh = result.mesh(40).unwrap();
+    let topology = mesh.topology();
+    assert!(topology.closed && topology.oriented && topology.volume > 0.0, "{topology}");
+    assert_eq!((topology.components, topology.genus), (components, Some(genus)), "{topology}");
+    let off: f32 = mesh
+        .verts
+        .iter()
+        .map(|v| shape.sdf([(v[0] - 100.0) / 7.0, v[1] / 7.0, v[2] / 7.0]).abs())
+        .sum::<f32>()
+        / mesh.verts.len() as f32;
+    assert!(off < 0.015, "mean distance from the shape: {off} of its longest side");
+    // The surface of the mesh is the field's zero level, in the input's units.
+    assert!(result.sdf(&mesh.verts).iter().all(|s| s.abs() < 0.05 * 7.0));
+}
+
+#[test]
+fn a_sphere_comes_back() {
+    check_shape(Shape::Sphere { radius: 0.5 }, 200, 1, 0);
+}
+
+#[test]
+fn a_torus_comes_back() {
+    check_shape(Shape::Torus { major: 0.34, minor: 0.16 }, 300, 1, 1);
+}
+
+#[test]
+fn two_spheres_come_back() {
+    check_shape(Shape::TwoSpheres { radius: 0.21, distance: 0.58 }, 250, 2, 0);
+}
+
+#[test]
+fn the_field_is_in_the_units_of_the_input() {
+    let result = run(&ball(150), &quick());
+    let probes = [[10.0, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -4.0, 3.2]];
+    let sdf = result.sdf(&probes);
+    assert!(sdf[0] < -1.0 && sdf[1].abs() < 0.2 && (sdf[2] - 0.2).abs() < 0.2, "{sdf:?}");
+    // Central differences of the distances, in the same units.
+    let h = 0.02;
+    let gradient = result.gradient(&probes[1..]);
+    for (p, g) in probes[1..].iter().zip(&gradient) {
+        for d in 0..3 {
+            let at = |by: f32| {
+                let mut q = *p;
+                q[d] += by;
+                result.sdf(&[q])[0]
+            };
+            let numeric = (at(h) - at(-h)) / (2.0 * h);
+            assert!((numeric - g[d]).abs() < 0.05, "{numeric} {g:?}");
+        }
+    }
+    assert_eq!(result.cloud().len(), 150);
+    assert_eq!(result.surface_points().len(), 150 * 6);
+    let kind = result.mesh(1).unwrap_err().kind();
+    assert_eq!(kind, ErrorKind::Config);
+}
+
+#[test]
+fn the_threads_do_not_change_a_byte() {
+    let points = ball(120);
+    // Blocks and windows as for a large cloud.
+    let mut large = tiny();
+    large.batch = Batch { points: 50, centres: 30 };
+    for config in [tiny(), large] {
+        let on = |threads: usize| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
+            pool.install(|| bits(&run(&points, &config)))
+        };
+        let one = on(1);
+        assert_eq!(one, on(2));
+        assert_eq!(one, on(3));
+    }
+}
+
+#[test]
+fn every_ablation_runs() {
+    let points = ball(60);
+    for settings in [
+        &[("parameterization", "none")][..],
+        &[("parameterization", "single"), ("bsp.every", "1")],
+        &[("parameterization", "multiple:4"), ("surface_samples", "100")],
+        &[("deformation", "offset")],
+        &[("deformation", "tanh"), ("clip", "1")],
+        &[("deformation", "none"), ("target", "surface")],
+        &[("bsp.every", "0"), ("weights.deform", "1")],
+        &[("weights.para", "0"), ("bsp.pretrain", "0")],
+        &[("weights.deform", "0"), ("weights.cover", "0"), ("weights.pull", "1")],
+        &[
+            ("bsp.patch", "3"),
+            ("bsp.neighbours", "12"),
+            ("bsp.reach", "0"),
+            ("bsp.average_positions", "false"),
+        ],
+        &[("field.activation", "relu"), ("field.skip", "1"), ("start.shape", "sphere"), ("band.rings", "2")],
+        &[("batch.points", "20"), ("batch.centres", "16"), ("bsp.reach", "0")],
+    ] {
+        let mut config = tiny();
+        for (key, value) in settings {
+            config.set(key, value).unwrap();
+        }
+        let mut steps = 0;
+        let result = reconstruct(&points, &config, &mut |event| {
+            if let Event::Step(report) = event {
+                assert!(report.loss.is_finite() && report.active_verts > 0, "{settings:?}");
+                steps += 1;
+            }
+            assert!(!matches!(event, Event::Recovered { .. }), "{settings:?}: {event:?}");
+            ControlFlow::Continue(())
+        })
+        .unwrap();
+        assert_eq!(steps, config.total_steps(), "{settings:?}");
+        assert!(result.mesh(12).unwrap().topology().closed, "{settings:?}");
+    }
+}
+
+#[test]
+fn the_paper_preset_takes_its_steps() {
+    let mut config = Config::preset(Preset::Paper);
+    config.stages = vec![Stage { resolution: 10, steps: 2 }];
+    config.field.width = 32;
+    let mut terms = Vec::new();
+    reconstruct(&ball(50), &config, &mut |event| {
+        if let Event::Step(r) = event {
+            terms.push(r.para > 0.0 && r.deform > 0.0 && r.surf > 0.0);
+            assert!((r.loss - (10.0 * r.para + r.deform + 0.01 * r.surf)).abs() < 1e-4 * r.loss);
+            assert_eq!((r.eikonal, r.laplacian, r.points, r.pull, r.cover), (0.0, 0.0, 0.0, 0.0, 0.0));
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    assert_eq!(terms, [true, true]);
+}
+
+#[test]
+fn the_callback_sees_everything_and_stops_the_run() {
+    let mut points = ball(50);
+    points.push(points[7]);
+    let config = tiny();
+    let mut seen = Vec::new();
+    let error = reconstruct(&points, &config, &mut |event| {
+        match event {
+            Event::Started { points, merged, total_steps } => {
+                assert_eq!((*points, *merged, *total_steps), (50, 1, 12));
+            }
+            Event::Step(report) => seen.push((report.step, report.resolution)),
+            _ => panic!("{event:?}"),
+        }
+        if seen.len() == 8 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+    })
+    .unwrap_err();
+    assert_eq!(error.kind(), ErrorKind::Cancelled);
+    let want: Vec<_> = (0..8).map(|i| (i, if i < 6 { 8 } else { 12 })).collect();
+    assert_eq!(seen, want);
+
+    let stopped = reconstruct(&points, &config, &mut |_| ControlFlow::Break(())).unwrap_err();
+    assert_eq!(stopped.kind(), ErrorKind::Cancelled);
+    let unusable = reconstruct(&[[0.0; 3]; 9], &config, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    assert_eq!(unusable.kind(), ErrorKind::Data);
+}
+
+/// Makes the field or the parameterization useless.
+fn poison(trainer: &mut Trainer, map: bool, value: f32) {
+    let params = match &mut trainer.map {
+        Some(m) if map => m.params_mut(),
+        _ => trainer.field.params_mut(),
+    };
+    let last = params.values_mut().last_mut().unwrap();
+    std::sync::Arc::make_mut(last).data_mut()[0] = value;
+}
+
+#[test]
+fn a_run_comes_back_from_bad_values_with_half_the_rate() {
+    // NaN and far away, in both networks, and a field that is positive everywhere.
+    for (map, value) in [(false, f32::NAN), (true, f32::NAN), (true, 1e30), (false, 100.0), (false, 1e38)] {
+        let mut trainer = Trainer::new(&ball(60), &tiny()).unwrap();
+        let rates: Vec<f32> = (0..6).map(|_| trainer.step().unwrap().field_rate).collect();
+        poison(&mut trainer, map, value);
+        // The last search for the band was at step 4, but stage two begins at 6: its search fails first.
+        let report = trainer.step().unwrap();
+        assert_eq!((report.step, report.recoveries), (4, 1), "{map} {value}");
+        assert_eq!(report.field_rate, 0.5 * rates[4]);
+        assert!(trainer.last_recovery().unwrap().starts_with("step 6: "), "{:?}", trainer.last_recovery());
+        while !trainer.is_done() {
+            assert!(trainer.step().unwrap().loss.is_finite());
+        }
+        assert!(trainer.finish().mesh(12).unwrap().topology().closed);
+    }
+}
+
+#[test]
+fn a_run_that_cannot_come_back_says_so() {
+    for (value, kind) in [(f32::NAN, ErrorKind::Diverged), (100.0, ErrorKind::NoSurface)] {
+        let mut trainer = Trainer::new(&ball(60), &tiny()).unwrap();
+        poison(&mut trainer, false, value);
+        trainer.good = trainer.snapshot();
+        let error = trainer.step().unwrap_err();
+        assert_eq!(error.kind(), kind);
+        assert!(error.advice().unwrap().contains("field_rate.base"), "{error}");
+        assert_eq!(trainer.recoveries, 3);
+    }
+}
+
+#[test]
+fn scaled_clouds_use_windows_and_blocks() {
+    let mut config = tiny();
+    config.batch = Batch { points: 32, centres: 20 };
+    let mut trainer = Trainer::new(&ball(100), &config).unwrap();
+    assert!(trainer.blocks.len() == 8);
+    let mut seen = vec![0; 100];
+    for _ in 0..12 {
+        for row in trainer.view().rows {
+            seen[row as usize] += 1;
+        }
+        trainer.step().unwrap();
+    }
+    // 12 windows of 32 go round 100 points nearly four times.
+    assert!(seen.iter().all(|&s| s == 3 || s == 4), "{seen:?}");
+    assert_eq!(trainer.finish().surface_points().len(), 400);
+}
+
+#[cfg(feature = "checkpoint")]
+mod checkpoints {
+    use super::*;
+    use std::path::PathBuf;
+
+    fn file(name: &str) -> PathBuf {
+        std::env::temp_dir().join(format!("bijective-sdf-{name}-{}.safetensors", std::process::id()))
+    }
+
+    #[test]
+    fn a_resumed_run_ends_in_the_same_bytes() {
+        let points = ball(70);
+        let path = file("resume");
+        let mut blocks = tiny();
+        blocks.batch = Batch { points: 40, centres: 30 };
+        blocks.surface_samples = 50;
+        let sparse = Config { parameterization: Parameterization::None, ..tiny() };
+        for config in [tiny(), blocks, sparse] {
+            let straight = bits(&run(&points, &config));
+            for stop in [0, 1, 4, 7, 12] {
+                let mut trainer = Trainer::new(&points, &config).unwrap();
+                (0..stop).for_each(|_| drop(trainer.step().unwrap()));
+                trainer.save_checkpoint(&path).unwrap();
+                drop(trainer);
+                let mut resumed = Trainer::resume(&path, &points, &config).unwrap();
+                assert_eq!(resumed.steps_done(), stop);
+                // Saving at once gives the same file.
+                let before = std::fs::read(&path).unwrap();
+                resumed.save_checkpoint(&path).unwrap();
+                assert!(before == std::fs::read(&path).unwrap());
+                while !resumed.is_done() {
+                    resumed.step().unwrap();
+                }
+                assert!(bits(&resumed.finish()) == straight, "stopped at step {stop}");
+            }
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_recovery_after_resuming_is_the_one_that_would_have_been() {
+        let points = ball(60);
+        let path = file("recovery");
+        let finish = |mut trainer: Trainer| {
+            poison(&mut trainer, false, f32::NAN);
+            while !trainer.is_done() {
+                trainer.step().unwrap();
+            }
+            assert_eq!(trainer.recoveries, 2);
+            bits(&trainer.finish())
+        };
+        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
+        (0..3).for_each(|_| drop(trainer.step().unwrap()));
+        poison(&mut trainer, true, f32::NAN);
+        (0..4).for_each(|_| drop(trainer.step().unwrap()));
+        trainer.save_checkpoint(&path).unwrap();
+        let resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
+        assert!(finish(trainer) == finish(resumed));
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn other_clouds_options_and_damaged_files_are_refused() {
+        let points = ball(50);
+        let path = file("damage");
+        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
+        trainer.step().unwrap();
+        trainer.save_checkpoint(&path).unwrap();
+
+        let mut other = tiny();
+        other.weights.points = 0.5;
+        let error = Trainer::resume(&path, &points, &other).err().unwrap();
+        assert_eq!((error.kind(), error.element()), (ErrorKind::Checkpoint, Some("option weights.points")));
+        assert_eq!(error.file(), Some(path.as_path()));
+        let error = Trainer::resume(&path, &ball(51), &tiny()).err().unwrap();
+        assert!(error.kind() == ErrorKind::Checkpoint && error.message().contains("another cloud"));
+        let error = Reconstruction::load(&path).err().unwrap();
+        assert_eq!(error.kind(), ErrorKind::Checkpoint);
+        let error = Trainer::resume(file("nothing"), &points, &tiny()).err().unwrap();
+        assert_eq!(error.kind(), ErrorKind::Io);
+
+        let good = std::fs::read(&path).unwrap();
+        for i in (0..good.len()).step_by(good.len() / 40) {
+            let mut bad = good.clone();
+            bad[i] ^= 0x11;
+            std::fs::write(&path, &bad).unwrap();
+            let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
+            assert_eq!(error.kind(), ErrorKind::Checkpoint, "byte {i}: {error}");
+            std::fs::write(&path, &good[..i]).unwrap();
+            let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
+            assert_eq!(error.kind(), ErrorKind::Checkpoint, "cut at {i}: {error}");
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_loaded_result_is_the_one_that_was_saved() {
+        let path = file("result");
+        for deformation in [Deformation::Projection, Deformation::Offset] {
+            let result = run(&ball(50), &Config { deformation, ..tiny() });
+            result.save(&path).unwrap();
+            let loaded = Reconstruction::load(&path).unwrap();
+            assert!(bits(&loaded) == bits(&result));
+            assert_eq!((loaded.cloud(), loaded.config()), (result.cloud(), result.config()));
+            let error = Trainer::resume(&path, &ball(50), &tiny()).err().unwrap();
+            assert_eq!(error.kind(), ErrorKind::Checkpoint);
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+}

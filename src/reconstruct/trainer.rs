@@ -1,0 +1,298 @@
+//! Training in progress: what it consists of, how it starts, and how it comes back when a step goes wrong.
+
+use super::step::{StepReport, Workspace};
+use super::{Config, Reconstruction, StartShape};
+use crate::bsp::{Neighbourhood, SurfaceMap};
+use crate::error::{Error, ErrorKind};
+use crate::gdo::{Deformation, Field, GaussStart, start_from_gauss};
+use crate::geometry::{Normalizer, clean_cloud};
+use crate::nn::Params;
+use crate::optim::{Adam, AdamOptions};
+use rand::SeedableRng;
+use rand::rngs::ChaCha8Rng;
+use rand::seq::SliceRandom;
+
+/// How often a run comes back from a step that went wrong before it fails.
+const RECOVERIES: usize = 3;
+/// The stream of random numbers that orders the cloud; weights take stream 0, step i takes i + 1.
+const ORDER_STREAM: u64 = u64::MAX;
+
+/// A checked cloud and the options for it.
+pub(super) struct Prepared {
+    /// Adapted to the number of points.
+    pub config: Config,
+    /// Distinct points, input frame.
+    pub input: Vec<[f32; 3]>,
+    /// Points left out as duplicates.
+    pub merged: usize,
+    pub normalizer: Normalizer,
+}
+
+pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, Error> {
+    config.validate()?;
+    let clean = clean_cloud(points)?;
+    let normalizer = Normalizer::of(&clean.points)?;
+    Ok(Prepared {
+        config: config.clone().for_points(clean.points.len()),
+        input: clean.points,
+        merged: clean.duplicates_merged,
+        normalizer,
+    })
+}
+
+/// The field as its initial weights make it.
+pub(super) fn blank_field(config: &Config, rng: &mut ChaCha8Rng) -> Field {
+    match config.deformation {
+        Deformation::Offset => Field::with_offset(config.field, rng),
+        _ => Field::new(config.field, rng),
+    }
+}
+
+/// Parameters with their optimiser.
+#[derive(Clone, Debug)]
+pub(super) struct Learned {
+    pub params: Params,
+    pub adam: Adam,
+}
+
+/// Everything that a step changes: what is needed to go back to a step, or to go on from a checkpoint.
+#[derive(Clone, Debug)]
+pub(super) struct Snapshot {
+    pub step: usize,
+    pub field: Learned,
+    pub map: Option<Learned>,
+    pub surface: Vec<[f32; 3]>,
+}
+
+/// Training in progress.
+///
+/// One at a time, [`step`](Self::step) by step; [`reconstruct`](super::reconstruct) is the loop around it. The same
+/// cloud and options give the same bytes for any number of threads.
+pub struct Trainer {
+    pub(super) config: Config,
+    /// Distinct points, input frame.
+    pub(super) input: Vec<[f32; 3]>,
+    pub(super) normalizer: Normalizer,
+    /// Distinct points, working frame.
+    pub(super) cloud: Vec<[f32; 3]>,
+    /// The order in which a cloud larger than a step is gone through.
+    pub(super) order: Vec<u32>,
+    /// The parts in which S is made.
+    pub(super) blocks: Vec<Neighbourhood>,
+    pub(super) field: Field,
+    pub(super) field_adam: Adam,
+    pub(super) map: Option<SurfaceMap>,
+    pub(super) map_adam: Option<Adam>,
+    /// S as last computed, working frame; empty without a map.
+    pub(super) surface: Vec<[f32; 3]>,
+    pub(super) step: usize,
+    /// The state at the last refresh of the band whose loss and gradients were finite.
+    pub(super) good: Snapshot,
+    pub(super) recoveries: usize,
+    pub(super) last_recovery: Option<String>,
+    pub(super) work: Workspace,
+}
+
+impl Trainer {
+    /// Training for the cloud `points` (n x 3, any frame): checks the cloud, finds the field's first shape and trains
+    /// the parameterization for `bsp_pretrain` steps.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] or
+    /// [`ErrorKind::Diverged`] if the start fails.
+    pub fn new(points: &[[f32; 3]], config: &Config) -> Result<Self, Error> {
+        Self::from_prepared(prepare(points, config)?)
+    }
+
+    pub(super) fn from_prepared(prepared: Prepared) -> Result<Self, Error> {
+        let mut trainer = Self::blank(prepared);
+        trainer.shape_field()?;
+        trainer.pretrain_map()?;
+        trainer.good = trainer.snapshot();
+        Ok(trainer)
+    }
+
+    /// All parts in their initial state, before the start: what a checkpoint is read into.
+    pub(super) fn blank(prepared: Prepared) -> Self {
+        let Prepared { config, input, normalizer, .. } = prepared;
+        let cloud = normalizer.forward(&input);
+        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+        let field = blank_field(&config, &mut rng);
+        let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
+        let blocks = map.as_ref().map_or_else(Vec::new, |m| m.blocks(&cloud, config.batch.centres));
+        let adam = |params: &Params| Adam::new(params.values(), AdamOptions::default());
+        let field_adam = adam(field.params());
+        let map_adam = map.as_ref().map(|m| adam(m.params()));
+        let surface = vec![[0.0; 3]; map.as_ref().map_or(0, |m| m.surface_len(cloud.len()))];
+        let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
+        rng.set_stream(ORDER_STREAM);
+        order.shuffle(&mut rng);
+        let good = Snapshot {
+            step: 0,
+            field: Learned { params: Params::new(), adam: Adam::new(&[], AdamOptions::default()) },
+            map: None,
+            surface: Vec::new(),
+        };
+        let mut trainer = Trainer {
+            config,
+            input,
+            normalizer,
+            cloud,
+            order,
+            blocks,
+            field,
+            field_adam,
+            map,
+            map_adam,
+            surface,
+            step: 0,
+            good,
+            recoveries: 0,
+            last_recovery: None,
+            work: Workspace::default(),
+        };
+        trainer.good = trainer.snapshot();
+        trainer
+    }
+
+    /// Gives the field its first shape.
+    fn shape_field(&mut self) -> Result<(), Error> {
+        let start = self.config.start;
+        if start.shape == StartShape::Gauss {
+            let gauss = GaussStart {
+                width: start.width,
+                regularity: start.regularity,
+                steps: start.steps,
+                rate: start.rate,
+            };
+            start_from_gauss(&mut self.field, &mut self.work.pass, &self.cloud, &gauss, self.config.seed)?;
+        }
+        Ok(())
+    }
+
+    /// Trains the parameterization alone, on L_para.
+    fn pretrain_map(&mut self) -> Result<(), Error> {
+        let total = self.config.bsp_pretrain;
+        for i in 0..total {
+            let Some(map) = &mut self.map else { break };
+            let Some(adam) = &mut self.map_adam else { break };
+            let block = &self.blocks[i % self.blocks.len()];
+            let tape = &mut self.work.tape;
+            tape.clear();
+            let p = map.params().bind(tape, true);
+            let (surface, context) = super::step::forward_map(tape, map, &p, &self.cloud, block)?;
+            let loss = super::step::para_term(tape, surface, context, block);
+            let gradients = p.collect(&mut tape.backward(loss));
+            tape.clear();
+            super::step::check_gradients("the parameterization", &gradients)?;
+            adam.step(map.params_mut().values_mut(), &gradients, self.config.bsp_rate.rate_at(i, total));
+        }
+        if let Some(map) = &self.map {
+            self.surface = map.surface(&self.cloud, &self.blocks);
+        }
+        Ok(())
+    }
+
+    /// One step of the training. If it goes wrong (values that are not finite, or no surface left), goes back to the
+    /// last good state and on from there with half the learning rates, up to three times in a run: the report's
+    /// `step` is then lower than before.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Diverged`] or [`ErrorKind::NoSurface`] if it goes wrong a fourth time.
+    ///
+    /// # Panics
+    /// If all steps are done.
+    #[track_caller]
+    pub fn step(&mut self) -> Result<StepReport, Error> {
+        assert!(!self.is_done(), "step: all {} steps are done", self.total_steps());
+        loop {
+            let error = match self.try_step() {
+                Ok(report) => return Ok(report),
+                Err(error) => error,
+            };
+            let recoverable = matches!(error.kind(), ErrorKind::Diverged | ErrorKind::NoSurface);
+            if !recoverable || self.recoveries == RECOVERIES {
+                return Err(error.advise(format!(
+                    "this is after {} recoveries with lower rates; lower field_rate.base and bsp_rate.base, raise \
+                     their warmup, set clip to 1, or take another start.shape",
+                    self.recoveries
+                )));
+            }
+            self.recoveries += 1;
+            self.last_recovery = Some(format!("step {}: {}", self.step, error.message()));
+            let good = self.good.clone();
+            self.restore(&good);
+        }
+    }
+
+    /// The factor on all learning rates, halved by every recovery.
+    pub(super) fn caution(&self) -> f32 {
+        0.5f32.powi(self.recoveries as i32)
+    }
+
+    pub(super) fn snapshot(&self) -> Snapshot {
+        let learned = |params: &Params, adam: &Adam| Learned { params: params.clone(), adam: adam.clone() };
+        Snapshot {
+            step: self.step,
+            field: learned(self.field.params(), &self.field_adam),
+            map: self.map.as_ref().zip(self.map_adam.as_ref()).map(|(m, adam)| learned(m.params(), adam)),
+            surface: self.surface.clone(),
+        }
+    }
+
+    /// Goes back to a state; the band is searched for anew.
+    pub(super) fn restore(&mut self, to: &Snapshot) {
+        self.work.reset();
+        self.step = to.step;
+        *self.field.params_mut() = to.field.params.clone();
+        self.field_adam = to.field.adam.clone();
+        if let (Some(map), Some(learned)) = (&mut self.map, &to.map) {
+            *map.params_mut() = learned.params.clone();
+            self.map_adam = Some(learned.adam.clone());
+        }
+        self.surface.clone_from(&to.surface);
+    }
+
+    /// Whether all steps are done.
+    pub fn is_done(&self) -> bool {
+        self.step >= self.total_steps()
+    }
+
+    /// Steps done; goes back with a recovery.
+    pub fn steps_done(&self) -> usize {
+        self.step
+    }
+
+    /// Steps of the whole training.
+    pub fn total_steps(&self) -> usize {
+        self.config.total_steps()
+    }
+
+    /// The options, adapted to the number of points.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+
+    /// What went wrong when the training last went back to a good state.
+    pub fn last_recovery(&self) -> Option<&str> {
+        self.last_recovery.as_deref()
+    }
+
+    /// The result so far.
+    pub fn finish(mut self) -> Reconstruction {
+        if let Some(map) = &self.map {
+            // With all blocks by the same parameters; a large cloud's were computed at different steps.
+            let surface = map.surface(&self.cloud, &self.blocks);
+            if surface.as_flattened().iter().all(|x| x.is_finite()) {
+                self.surface = surface;
+            }
+        }
+        Reconstruction {
+            config: self.config,
+            normalizer: self.normalizer,
+            cloud: self.input,
+            field: self.field,
+            surface: self.surface,
+        }
+    }
+}
