@@ -22,7 +22,7 @@ use super::settings::Settings;
 use super::train::{Plan, train};
 
 /// Cubes along the grid that the true mesh is taken from.
-const TRUTH_RESOLUTION: usize = 192;
+const TRUTH_RESOLUTION: usize = 160;
 
 /// Arguments of `demo`.
 #[derive(Debug, Args)]
@@ -31,7 +31,7 @@ pub struct DemoArgs {
     #[arg(long, value_name = "DIR", default_value = "demo-output")]
     out: PathBuf,
     /// The shape
-    #[arg(long, default_value = "linked-tori", value_parser = shape_parser())]
+    #[arg(long, default_value = "double-torus", value_parser = shape_parser())]
     shape: Named,
     /// Number of points
     #[arg(short = 'n', long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(4..))]

@@ -90,7 +90,7 @@ fn sample(buffer: &Buffer, camera: &Camera, light: &Light, x: usize, y: usize) -
     let shine = gloss * dot(n, light.half).max(0.0).powi(40) * open;
     // Points have no surface to hide what is behind, so distance is shown by paleness.
     let haze = match buffer.material[i] {
-        Material::Ball => 0.8 * camera.backness(depth),
+        Material::Ball => 0.68 * camera.backness(depth),
         _ => 0.0,
     };
     std::array::from_fn(|c| (base[c] * bright + shine) * (1.0 - haze) + background[c] * haze)
