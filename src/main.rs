@@ -1,3 +1,9 @@
-//! The program `bijective-sdf`.
+//! The program `bijective-sdf`: meshes and signed distance fields from sparse point clouds, on the command line.
 
-fn main() {}
+use std::process::ExitCode;
+
+mod cli;
+
+fn main() -> ExitCode {
+    cli::run()
+}

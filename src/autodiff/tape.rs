@@ -147,6 +147,20 @@ impl Tape {
         self.push(Value::Owned(value), needs, record)
     }
 
+    /// Records an operation whose value has already been computed, as when one pass computes two values.
+    pub(crate) fn record<O: Op<N>, const N: usize>(
+        &mut self,
+        op: O,
+        inputs: [Var; N],
+        value: Arc<Tensor>,
+        saved: O::Saved,
+    ) -> Var {
+        let needs = inputs.iter().any(|v| self.nodes[v.index()].needs);
+        let record: Option<Box<dyn Backward>> =
+            if needs { Some(Box::new(Record { op, inputs, saved })) } else { None };
+        self.push(Value::Shared(value), needs, record)
+    }
+
     /// The value of a var.
     ///
     /// # Panics

@@ -172,17 +172,11 @@ impl Field {
         (0..self.config.octaves).map(move |o| first * (1u32 << o) as f32)
     }
 
-    fn activate(&self, tape: &mut Tape, z: Var) -> Var {
+    /// The activation and its slope.
+    fn activate(&self, tape: &mut Tape, z: Var) -> (Var, Var) {
         match self.config.activation {
-            Activation::Relu => tape.relu(z),
-            Activation::Softplus { beta } => tape.softplus(z, beta),
-        }
-    }
-
-    fn slope(&self, tape: &mut Tape, z: Var) -> Var {
-        match self.config.activation {
-            Activation::Relu => tape.relu_derivative(z),
-            Activation::Softplus { beta } => tape.softplus_derivative(z, beta),
+            Activation::Relu => (tape.relu(z), tape.relu_derivative(z)),
+            Activation::Softplus { beta } => tape.softplus_and_derivative(z, beta),
         }
     }
 
@@ -201,8 +195,9 @@ impl Field {
         out
     }
 
-    /// All outputs at constant points: n x 3 to n x 1, or n x 4 with an offset. `pre` collects what the gradient needs: the encoding and every z.
-    fn forward(&self, tape: &mut Tape, p: &Bound, encoded: Var, mut pre: impl FnMut(Var)) -> Var {
+    /// All outputs at constant points: n x 3 to n x 1, or n x 4 with an offset. `slopes` collects the activations'
+    /// slopes, layer by layer.
+    fn forward(&self, tape: &mut Tape, p: &Bound, encoded: Var, mut slopes: impl FnMut(Var)) -> Var {
         let mut h = encoded;
         for (l, &(weight, bias)) in self.layers.iter().enumerate() {
             if Some(l) == self.config.skip {
@@ -213,8 +208,9 @@ impl Field {
             if l == self.config.depth {
                 return z;
             }
-            pre(z);
-            h = self.activate(tape, z);
+            let (activated, slope) = self.activate(tape, z);
+            slopes(slope);
+            h = activated;
         }
         unreachable!("the last layer returns")
     }
@@ -224,8 +220,8 @@ impl Field {
         let encoding = self.encode(points);
         let (sin_cos, c) = (encoding.clone(), self.config.encoding_cols());
         let encoded = tape.constant(encoding);
-        let mut zs = Vec::with_capacity(self.config.depth);
-        let out = self.forward(tape, p, encoded, |z| zs.push(z));
+        let mut layer_slopes = Vec::with_capacity(self.config.depth);
+        let out = self.forward(tape, p, encoded, |slope| layer_slopes.push(slope));
 
         // The adjoint of h, from the last layer down; a row until it meets the first slope.
         let (last, _) = self.layers[self.config.depth];
@@ -234,8 +230,7 @@ impl Field {
         let mut adjoint_skip = None;
         let mut adjoint = row;
         for l in (0..self.config.depth).rev() {
-            let slope = self.slope(tape, zs[l]);
-            let through = tape.mul(slope, adjoint);
+            let through = tape.mul(layer_slopes[l], adjoint);
             adjoint = tape.matmul_nt(through, p.var(self.layers[l].0));
             if Some(l) == self.config.skip {
                 let scaled = tape.scale(adjoint, std::f32::consts::FRAC_1_SQRT_2);

@@ -38,7 +38,7 @@ fn one_way(from: &[[f32; 3]], to: &[[f32; 3]], weight: f32) -> (f64, Vec<u32>) {
     if weight == 0.0 {
         return (0.0, Vec::new());
     }
-    let (index, distance_sq) = KdTree::new(to).nearest_all(from);
+    let (index, distance_sq) = KdTree::new(to).nearest_any(from);
     let sum: f64 = distance_sq.iter().map(|&d| f64::from(d)).sum();
     (f64::from(weight) * sum / from.len() as f64, index)
 }

@@ -2,7 +2,8 @@
 //! ordinary operations, so its training needs the derivative's derivative.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, kernel, map, map2, sigmoid_slice, softplus_slice};
+use crate::tensor::{Tensor, kernel, map, map2, sigmoid_slice, softplus_sigmoid_slice};
+use std::sync::Arc;
 
 kernel! {
     fn relu_slice(out: &mut [f32], x: &[f32]) {
@@ -64,14 +65,22 @@ struct Softplus {
     beta: f32,
 }
 
+/// Softplus and its derivative from one pass over x.
+fn softplus_pair(x: &Tensor, beta: f32) -> (Tensor, Tensor) {
+    let (mut value, mut slope) = (x.dirty(x.dims()), x.dirty(x.dims()));
+    softplus_sigmoid_slice(value.data_mut(), slope.data_mut(), x.data(), beta);
+    (value, slope)
+}
+
 impl Op<1> for Softplus {
-    type Saved = ();
-    fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
-        (map(x, |o, x| softplus_slice(o, x, self.beta)), ())
+    /// The derivative at x.
+    type Saved = Arc<Tensor>;
+    fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, Self::Saved) {
+        let (value, slope) = softplus_pair(x, self.beta);
+        (value, Arc::new(slope))
     }
-    fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
-        let slope = map(at.x[0], |o, x| sigmoid_slice(o, x, self.beta));
-        [Some(map2(dy, &slope, times))]
+    fn vjp(&self, at: At<'_, 1, Self::Saved>, dy: &Tensor) -> [Option<Tensor>; 1] {
+        [Some(map2(dy, at.saved, times))]
     }
 }
 
@@ -106,6 +115,16 @@ impl Tape {
         self.apply(Softplus { beta }, [x])
     }
 
+    /// [`softplus`](Self::softplus) and [`softplus_derivative`](Self::softplus_derivative) of the same x, computed
+    /// together at little more than the cost of one.
+    pub fn softplus_and_derivative(&mut self, x: Var, beta: f32) -> (Var, Var) {
+        let (value, slope) = softplus_pair(self.value(x), beta);
+        let slope = Arc::new(slope);
+        let y = self.record(Softplus { beta }, [x], Arc::new(value), slope.clone());
+        let s = self.record(Sigmoid { beta }, [x], slope, ());
+        (y, s)
+    }
+
     /// The derivative of [`softplus`](Self::softplus): 1 / (1 + e^(-beta x)).
     pub fn softplus_derivative(&mut self, x: Var, beta: f32) -> Var {
         self.apply(Sigmoid { beta }, [x])
@@ -126,7 +145,8 @@ mod tests {
             let x = normal(&[n, c], seed);
             check(|t, x| t.relu(x[0]), std::slice::from_ref(&x), seed);
             check(|t, x| t.softplus(x[0], beta), std::slice::from_ref(&x), seed);
-            check(|t, x| t.softplus_derivative(x[0], beta), &[x], seed);
+            check(|t, x| t.softplus_derivative(x[0], beta), std::slice::from_ref(&x), seed);
+            check(|t, x| { let (y, s) = t.softplus_and_derivative(x[0], beta); t.concat_cols([y, s]) }, &[x], seed);
         }
     }
 
@@ -138,7 +158,12 @@ mod tests {
         let y = t.softplus(v, 3.0);
         let s = t.softplus_derivative(v, 3.0);
         let ones = Tensor::full(&[5, 3], 1.0);
-        assert_eq!(t.pull([(y, ones.clone())]).get(v).unwrap(), t.value(s));
+        for (a, b) in t.pull([(y, ones.clone())]).get(v).unwrap().data().iter().zip(t.value(s).data()) {
+            assert!((a - b).abs() < 1e-6);
+        }
+        let (both_y, both_s) = t.softplus_and_derivative(v, 3.0);
+        assert_eq!(t.value(both_y), t.value(y));
+        assert!(t.value(both_s).data().iter().zip(t.value(s).data()).all(|(a, b)| (a - b).abs() < 1e-6));
         let y = t.relu(v);
         let s = t.relu_derivative(v);
         assert_eq!(t.pull([(y, ones)]).get(v).unwrap(), t.value(s));

@@ -5,6 +5,7 @@ mod arithmetic;
 mod attention;
 mod elementary;
 mod encoding;
+mod local_attention;
 mod matmul;
 mod norm;
 mod reduce;

@@ -31,3 +31,32 @@ pub(crate) fn check(f: impl Fn(&mut Tape, &[Var]) -> Var, inputs: &[Tensor], see
         panic!("{mismatch}; shapes {shapes:?}, seed {seed}")
     })
 }
+
+/// Values and gradients of two functions of (q, k, v) agree.
+pub(crate) fn same(
+    inputs: [Tensor; 3],
+    a: impl Fn(&mut Tape, [Var; 3]) -> Var,
+    b: impl Fn(&mut Tape, [Var; 3]) -> Var,
+) {
+    let run = |f: &dyn Fn(&mut Tape, [Var; 3]) -> Var| {
+        let mut t = Tape::new();
+        let x = inputs.clone().map(|x| t.input(x));
+        let y = f(&mut t, x);
+        let seed = normal(t.value(y).dims(), 99);
+        let mut gradients = t.pull([(y, seed)]);
+        let mut out = vec![t.value(y).clone()];
+        out.extend(x.map(|x| gradients.take(x).unwrap()));
+        out
+    };
+    for (i, (a, b)) in run(&a).iter().zip(run(&b)).enumerate() {
+        assert_eq!(a.shape(), b.shape());
+        for (a, b) in a.data().iter().zip(b.data()) {
+            assert!((a - b).abs() < 1e-5 * (1.0 + b.abs()), "result {i}: {a} {b}");
+        }
+    }
+}
+
+/// Queries n x c, keys m x c and values m x d.
+pub(crate) fn attention_inputs(n: usize, m: usize, c: usize, d: usize, seed: u64) -> [Tensor; 3] {
+    [normal(&[n, c], seed), normal(&[m, c], seed ^ 1), normal(&[m, d], seed ^ 2)]
+}

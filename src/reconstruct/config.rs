@@ -45,6 +45,9 @@ pub struct Weights {
     pub para: f32,
     /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5). Paper 1.
     pub deform: f32,
+    /// What the weight of L_deform has been multiplied by at the end, falling geometrically: a strong pull to S early
+    /// rids the start of surface that no point asks for; a weak one late leaves the last word to the points. Paper 1.
+    pub deform_decay: f32,
     /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
     pub surf: f32,
     /// The mean of (|grad g| - 1)^2 on the active vertices and the cloud (Gropp et al. 2020).
@@ -238,6 +241,8 @@ impl Config {
             let fits = (1..=10_000_000).contains(&stage.steps);
             check("stages", fits, format!("{} steps", stage.steps), "use 1 to 10000000 steps")?;
         }
+        let fits = w.deform_decay > 0.0 && w.deform_decay <= 1.0;
+        check("weights.deform_decay", fits, w.deform_decay, "use more than 0 and at most 1 (constant)")?;
         within("stages", self.stages.len(), 1, 100)?;
         within("band.refresh", self.band.refresh, 1, 1_000_000)?;
         within("band.rings", self.band.rings, 0, 64)?;

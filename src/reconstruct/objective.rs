@@ -45,8 +45,11 @@ pub(super) struct Terms {
 }
 
 /// The weighted sum of all terms that have a weight (equation 7 of the paper and what is added to it).
-pub(super) fn add_terms(tape: &mut Tape, config: &Config, scene: &Scene<'_>) -> (Var, Terms) {
+///
+/// `progress` is the share of the training that is done, from 0 to 1.
+pub(super) fn add_terms(tape: &mut Tape, config: &Config, progress: f32, scene: &Scene<'_>) -> (Var, Terms) {
     let w = &config.weights;
+    let deform = w.deform * w.deform_decay.powf(progress);
     let target = match (scene.surface, config.target) {
         (None, _) => scene.cloud,
         (Some(surface), Target::Surface) => surface,
@@ -58,7 +61,7 @@ pub(super) fn add_terms(tape: &mut Tape, config: &Config, scene: &Scene<'_>) -> 
     let mut sum = Sum { tape, loss: None };
     let terms = Terms {
         para: sum.add(w.para, |_| scene.para),
-        deform: sum.add(w.deform, |t| Some(t.chamfer(scene.drawn, target, Direction::BOTH))),
+        deform: sum.add(deform, |t| Some(t.chamfer(scene.drawn, target, Direction::BOTH))),
         surf: sum.add(w.surf, |t| Some(mean_abs(t, scene.field.sdf))),
         eikonal: sum.add(w.eikonal, |t| Some(eikonal(t, scene.gradient))),
         laplacian: sum.add(w.laplacian, |t| Some(t.laplacian(scene.crossings, scene.faces))),

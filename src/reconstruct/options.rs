@@ -61,6 +61,7 @@ const ENTRIES: &[Entry] = entries! {
     "deformation" => deformation;
     "weights.para" => weights.para;
     "weights.deform" => weights.deform;
+    "weights.deform_decay" => weights.deform_decay;
     "weights.surf" => weights.surf;
     "weights.eikonal" => weights.eikonal;
     "weights.laplacian" => weights.laplacian;

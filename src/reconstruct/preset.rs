@@ -137,7 +137,8 @@ fn default() -> Config {
         deformation: Deformation::Projection,
         weights: Weights {
             para: 10.0,
-            deform: 0.1,
+            deform: 0.5,
+            deform_decay: 0.04,
             surf: 0.0,
             eikonal: 0.001,
             laplacian: 0.01,
@@ -167,6 +168,7 @@ fn fine() -> Config {
 const NO_WEIGHTS: Weights = Weights {
     para: 0.0,
     deform: 0.0,
+    deform_decay: 1.0,
     surf: 0.0,
     eikonal: 0.0,
     laplacian: 0.0,

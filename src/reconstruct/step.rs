@@ -264,6 +264,7 @@ impl Trainer {
 
     /// Puts the step on the tape: moved vertices, surface, target, and the loss.
     pub(super) fn record(&mut self, sampled: &Sampled, view: &View) -> Result<Recorded, Error> {
+        let progress = self.step as f32 / self.total_steps().max(1) as f32;
         let Workspace { tape, band, iso, .. } = &mut self.work;
         let band = band.as_ref().expect("refreshed first");
         let v = band.verts.len();
@@ -324,7 +325,7 @@ impl Trainer {
             surface: target,
             para,
         };
-        let (loss, terms) = add_terms(tape, &self.config, &scene);
+        let (loss, terms) = add_terms(tape, &self.config, progress, &scene);
         Ok(Recorded { loss, field: all, map: bound, surface: live, terms })
     }
 

@@ -6,7 +6,7 @@ use super::simd::kernel;
 
 const LOG2_E: f32 = std::f32::consts::LOG2_E;
 // ln 2 in two parts (Cody and Waite): n * LN2_HI is exact for |n| < 2^9.
-const LN2_HI: f32 = 0.693_359_375;
+const LN2_HI: f32 = 355.0 / 512.0;
 const LN2_LO: f32 = -2.121_944_4e-4;
 // Adding and subtracting 1.5 * 2^23 rounds to the nearest integer, which then stands in the low bits.
 const ROUND: f32 = 12_582_912.0;
@@ -32,11 +32,9 @@ pub(crate) fn exp(x: f32) -> f32 {
     p * scale
 }
 
-/// ln(1 + u) for u in [0, 1]; relative error below 3e-7.
+/// ln(1 + u) = 2 atanh(s) from s = u / (2 + u) in [0, 1/3].
 #[inline(always)]
-fn ln_1p_unit(u: f32) -> f32 {
-    // 2 atanh(s) with s = u / (2 + u) <= 1/3.
-    let s = u / (2.0 + u);
+fn ln_1p_from(s: f32) -> f32 {
     let t = s * s;
     let p = 1.0 / 15.0;
     let p = p * t + 1.0 / 13.0;
@@ -46,13 +44,6 @@ fn ln_1p_unit(u: f32) -> f32 {
     let p = p * t + 1.0 / 5.0;
     let p = p * t + 1.0 / 3.0;
     (p * t + 1.0) * (2.0 * s)
-}
-
-/// ln(1 + e^x); relative error below 4e-7.
-#[inline(always)]
-pub(crate) fn softplus(x: f32) -> f32 {
-    let positive = if x > 0.0 { x } else { x * 0.0 };
-    positive + ln_1p_unit(exp(-x.abs()))
 }
 
 /// 1 / (1 + e^-x); relative error below 3e-7.
@@ -110,11 +101,28 @@ kernel! {
         for (o, &x) in out.iter_mut().zip(x) { *o = exp(x); }
     }
 }
+/// (ln(1 + e^x), 1 / (1 + e^-x)) from one exponential and one division; relative errors below 4e-7.
+#[inline(always)]
+pub(crate) fn softplus_sigmoid(x: f32) -> (f32, f32) {
+    let e = exp(-x.abs());
+    let (one, two) = (1.0 + e, 2.0 + e);
+    // 1 / (1 + e) and s = e / (2 + e) from the inverse of their product.
+    let inverse = 1.0 / (one * two);
+    let s = e * (inverse * one);
+    let large = inverse * two;
+    let positive = if x > 0.0 { x } else { x * 0.0 };
+    (positive + ln_1p_from(s), if x < 0.0 { e * large } else { large + x * 0.0 })
+}
+
 kernel! {
-    /// out = ln(1 + e^(beta x)) / beta.
-    pub(crate) fn softplus_slice(out: &mut [f32], x: &[f32], beta: f32) {
+    /// value = ln(1 + e^(beta x)) / beta and slope = 1 / (1 + e^(-beta x)).
+    pub(crate) fn softplus_sigmoid_slice(value: &mut [f32], slope: &mut [f32], x: &[f32], beta: f32) {
         let inverse = 1.0 / beta;
-        for (o, &x) in out.iter_mut().zip(x) { *o = softplus(beta * x) * inverse; }
+        for ((v, s), &x) in value.iter_mut().zip(slope.iter_mut()).zip(x) {
+            let (a, b) = softplus_sigmoid(beta * x);
+            *v = a * inverse;
+            *s = b;
+        }
     }
 }
 kernel! {
@@ -155,10 +163,13 @@ mod tests {
     fn errors_stay_under_the_stated_bounds() {
         let (_, r) = sweep(-87.0, 88.0, exp, f64::exp);
         assert!(r < 2.5e-7, "exp {r:e}");
-        let (_, r) = sweep(-80.0, 80.0, softplus, |x| if x > 40.0 { x } else { x.exp().ln_1p() });
-        assert!(r < 4e-7, "softplus {r:e}");
         let (_, r) = sweep(-80.0, 80.0, sigmoid, |x| 1.0 / (1.0 + (-x).exp()));
         assert!(r < 3e-7, "sigmoid {r:e}");
+        let (_, r) =
+            sweep(-80.0, 80.0, |x| softplus_sigmoid(x).0, |x| if x > 40.0 { x } else { x.exp().ln_1p() });
+        assert!(r < 4e-7, "softplus of the pair {r:e}");
+        let (_, r) = sweep(-80.0, 80.0, |x| softplus_sigmoid(x).1, |x| 1.0 / (1.0 + (-x).exp()));
+        assert!(r < 4e-7, "sigmoid of the pair {r:e}");
         let (a, r) = sweep(-12.0, 12.0, tanh, f64::tanh);
         assert!(a < 2e-7 && r < 1e-6, "tanh {a:e} {r:e}");
         let (a, _) = sweep(-1000.0, 1000.0, |x| sin_cos(x).0, f64::sin);
@@ -169,7 +180,10 @@ mod tests {
 
     #[test]
     fn extremes_are_finite_and_nan_is_kept() {
-        for f in [exp, softplus, sigmoid, tanh] {
+        let softplus = |x| softplus_sigmoid(x).0;
+        let slope = |x| softplus_sigmoid(x).1;
+        let all: [&dyn Fn(f32) -> f32; 5] = [&exp, &softplus, &slope, &sigmoid, &tanh];
+        for f in all {
             assert!(f(f32::NAN).is_nan());
             assert!(f(-1e30).is_finite());
         }
@@ -185,10 +199,13 @@ mod tests {
         let mut other = vec![0.0; x.len()];
         exp_slice(&mut out, &x);
         assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == exp(x).to_bits()));
-        softplus_slice(&mut out, &x, 2.0);
-        assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == (softplus(2.0 * x) * 0.5).to_bits()));
         sigmoid_slice(&mut out, &x, 2.0);
         assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == sigmoid(2.0 * x).to_bits()));
+        softplus_sigmoid_slice(&mut out, &mut other, &x, 2.0);
+        assert!(
+            out.iter().zip(&x).all(|(o, &x)| o.to_bits() == (softplus_sigmoid(2.0 * x).0 * 0.5).to_bits())
+        );
+        assert!(other.iter().zip(&x).all(|(o, &x)| o.to_bits() == softplus_sigmoid(2.0 * x).1.to_bits()));
         tanh_slice(&mut out, &x);
         assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == tanh(x).to_bits()));
         sin_cos_slice(&mut out, &mut other, &x);

@@ -1,0 +1,42 @@
+//! Nearest neighbours and the Chamfer distance.
+
+mod common;
+
+use bijective_sdf::autodiff::Tape;
+use bijective_sdf::geometry::{KdTree, farthest_point_sample};
+use bijective_sdf::loss::Direction;
+use bijective_sdf::tensor::Tensor;
+use common::{cube, sphere};
+use criterion::{Criterion, criterion_group, criterion_main};
+use std::sync::Arc;
+
+fn trees(c: &mut Criterion) {
+    for n in [3000, 20000] {
+        let points = sphere(n, 0.5, 0.01, 1);
+        c.bench_function(&format!("kd-tree build {n}"), |bench| bench.iter(|| KdTree::new(&points)));
+    }
+    let (few, many) = (sphere(3000, 0.5, 0.01, 1), sphere(20000, 0.5, 0.01, 2));
+    let tree = KdTree::new(&few);
+    c.bench_function("nearest 20000 in 3000", |bench| bench.iter(|| tree.nearest_all(&many)));
+    c.bench_function("8 nearest 3000 in 3000", |bench| bench.iter(|| tree.k_nearest(&few, 8)));
+    c.bench_function("farthest points 300 of 20000", |bench| {
+        bench.iter(|| farthest_point_sample(&many, 300, 0));
+    });
+}
+
+/// Both directions, trees built anew, and back to both clouds.
+fn chamfer(c: &mut Criterion) {
+    let [a, b] = [(3000, 1), (20000, 2)].map(|(n, seed)| Arc::new(Tensor::from_points(&cube(n, seed))));
+    let mut tape = Tape::new();
+    c.bench_function("chamfer 3000x20000", |bench| {
+        bench.iter(|| {
+            tape.clear();
+            let (a, b) = (tape.shared(a.clone(), true), tape.shared(b.clone(), true));
+            let loss = tape.chamfer(a, b, Direction::BOTH);
+            tape.backward(loss)
+        });
+    });
+}
+
+criterion_group! { name = benches; config = common::criterion(); targets = chamfer, trees }
+criterion_main!(benches);

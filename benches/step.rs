@@ -1,0 +1,94 @@
+//! The parts of a training step: the field with its spatial gradient, the parameterization, and Adam.
+
+mod common;
+
+use bijective_sdf::autodiff::Tape;
+use bijective_sdf::bsp::{Bsp, BspConfig};
+use bijective_sdf::gdo::{Activation, Deformation, Field, FieldConfig, FieldPass, deform};
+use bijective_sdf::loss::{Direction, surface_term};
+use bijective_sdf::optim::{Adam, AdamOptions};
+use bijective_sdf::tensor::Tensor;
+use common::{normal, rng, sphere};
+use criterion::{Criterion, criterion_group, criterion_main};
+use std::sync::Arc;
+
+/// g and grad g at the vertices, the loss mean |V - g n|^2 + 0.01 mean |g|, and back to the weights.
+fn field(c: &mut Criterion) {
+    for (width, depth, v) in [(64, 4, 2000), (128, 4, 4000), (128, 4, 16000), (256, 8, 4000)] {
+        let config = FieldConfig {
+            width,
+            depth,
+            octaves: 3,
+            frequency: 1.0,
+            activation: Activation::Softplus { beta: 100.0 },
+            skip: None,
+            radius: 0.35,
+        };
+        let field = Field::new(config, &mut rng(1));
+        let verts = sphere(v, 0.4, 0.01, 2);
+        let (mut pass, mut tape) = (FieldPass::new(), Tape::new());
+        c.bench_function(&format!("field {width}x{depth} @ {v}"), |bench| {
+            bench.iter(|| {
+                tape.clear();
+                let (sdf, gradient) = pass.forward(&field, &verts, tape.pool());
+                let (sdf, gradient) = (tape.input(sdf), tape.input(gradient));
+                let positions = tape.constant(Tensor::from_points(&verts));
+                let moved = deform(&mut tape, Deformation::Projection, positions, sdf, gradient);
+                let moved_sq = tape.square(moved);
+                let length_sq = tape.sum_cols(moved_sq);
+                let length_sq = tape.mean(length_sq);
+                let magnitude = surface_term(&mut tape, sdf);
+                let magnitude = tape.scale(magnitude, 0.01);
+                let loss = tape.add(length_sq, magnitude);
+                let gradients = tape.backward(loss);
+                let at = |var| gradients.get(var).expect("the loss depends on it");
+                let of_weights = pass.backward(at(sdf), at(gradient));
+                pass.release();
+                of_weights
+            });
+        });
+    }
+}
+
+/// The surface S from the cloud, its Chamfer distance to the cloud, and back to the weights.
+fn bsp(c: &mut Criterion) {
+    // Attention to all points and positions from nothing, as in the paper; or attention to the nearest points, whose
+    // positions are averaged.
+    for (n, kind, reach, average_positions) in
+        [(300, "", 0, false), (300, " local", 12, true), (1024, "", 0, false), (1024, " local", 12, true)]
+    {
+        let config = BspConfig {
+            channels: 128,
+            heads: 4,
+            neighbours: 8,
+            patch: 10,
+            sphere: 1.0,
+            reach,
+            average_positions,
+        };
+        let points = sphere(n, 0.5, 0.0, 1);
+        let bsp = Bsp::new(config, &points, &mut rng(2));
+        let cloud = Arc::new(Tensor::from_points(&points));
+        let mut tape = Tape::new();
+        c.bench_function(&format!("bsp {n}x10{kind}"), |bench| {
+            bench.iter(|| {
+                tape.clear();
+                let p = bsp.params().bind(&mut tape, true);
+                let q = tape.shared(cloud.clone(), false);
+                let out = bsp.forward(&mut tape, &p, q);
+                let loss = tape.chamfer(out.surface, q, Direction::BOTH);
+                p.collect(&mut tape.backward(loss))
+            });
+        });
+    }
+}
+
+fn adam(c: &mut Criterion) {
+    let mut values = [Arc::new(normal(&[1, 500_000], 1))];
+    let gradients = [Some(normal(&[1, 500_000], 2))];
+    let mut adam = Adam::new(&values, AdamOptions::default());
+    c.bench_function("adam 500000", |bench| bench.iter(|| adam.step(&mut values, &gradients, 1e-3)));
+}
+
+criterion_group! { name = benches; config = common::criterion(); targets = field, bsp, adam }
+criterion_main!(benches);

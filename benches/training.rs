@@ -1,0 +1,43 @@
+//! Whole training steps of the presets at 300 points, and the mesh of a trained field.
+
+mod common;
+
+use bijective_sdf::geometry::Shape;
+use bijective_sdf::reconstruct::{Config, Preset, Stage, Trainer};
+use criterion::{Criterion, criterion_group, criterion_main};
+
+const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
+
+/// A step in the last stage of a preset; every few steps it searches for the active cubes, as in a run.
+fn steps(c: &mut Criterion) {
+    let (points, _) = TORUS.sample(300, 1);
+    for preset in Preset::ALL {
+        let mut config = Config::preset(preset);
+        let resolution = config.stages.last().expect("a stage").resolution;
+        // More steps than the benchmark can make.
+        config.stages = vec![Stage { resolution, steps: 1_000_000 }];
+        let mut trainer = Trainer::new(&points, &config).expect("a torus");
+        c.bench_function(&format!("step {preset}"), |bench| {
+            bench.iter(|| trainer.step().expect("a torus stays"));
+        });
+    }
+}
+
+fn mesh(c: &mut Criterion) {
+    let (points, _) = TORUS.sample(300, 1);
+    let mut config = Config::preset(Preset::Fast);
+    config.stages.iter_mut().for_each(|s| s.steps = 20);
+    let mut trainer = Trainer::new(&points, &config).expect("a torus");
+    while !trainer.is_done() {
+        trainer.step().expect("a torus stays");
+    }
+    let result = trainer.finish();
+    for resolution in [64, 128] {
+        c.bench_function(&format!("mesh {resolution}"), |bench| {
+            bench.iter(|| result.mesh(resolution).expect("a torus"));
+        });
+    }
+}
+
+criterion_group! { name = benches; config = common::criterion(); targets = steps, mesh }
+criterion_main!(benches);

@@ -1,0 +1,93 @@
+//! `presets` and `config`: what can be chosen.
+
+use bijective_sdf::reconstruct::{Config, Preset};
+use clap::Args;
+
+use super::failure::Failure;
+use super::files::print;
+use super::json::quoted;
+use super::settings::Settings;
+
+/// Arguments of `config`.
+#[derive(Debug, Args)]
+pub struct ConfigArgs {
+    #[command(flatten)]
+    settings: Settings,
+}
+
+/// Prints a configuration as TOML.
+pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
+    let (config, preset) = args.settings.build()?;
+    print(format!("# Preset `{preset}`. Delete what you do not change.\n{}", to_toml(&config)))
+}
+
+/// Prints the names of the presets and what they are for.
+pub fn list_presets() -> Result<(), Failure> {
+    let mut text = String::new();
+    for preset in Preset::ALL {
+        let about = match preset {
+            Preset::Paper => "the paper's equations and constants, literally",
+            Preset::Fast => "a first look",
+            Preset::Default => "the best accuracy for the time",
+            Preset::Fine => "more steps on a finer grid",
+            #[allow(unreachable_patterns)]
+            _ => "",
+        };
+        text += &format!("{:8} {about}\n", preset.name());
+    }
+    print(text)
+}
+
+/// One line an option; options below an option that has a value itself get quoted keys, as TOML asks.
+fn to_toml(config: &Config) -> String {
+    let entries = config.entries();
+    let below = |key: &str| {
+        entries.iter().any(|(other, _)| key.strip_prefix(other).is_some_and(|rest| rest.starts_with('.')))
+    };
+    entries
+        .iter()
+        .map(|(key, value)| {
+            let key = if below(key) { quoted(key) } else { key.to_string() };
+            format!("{key} = {}\n", literal(value))
+        })
+        .collect()
+}
+
+/// The value as TOML: a number or truth value where it is one, else a text.
+fn literal(value: &str) -> String {
+    // TOML integers are signed; a larger seed is given as a text.
+    let whole = value.parse::<i64>().is_ok_and(|i| i.to_string() == value);
+    let float = value.parse::<f64>().is_ok_and(|f| f.is_finite())
+        && format!("x = {value}").parse::<toml::Table>().is_ok();
+    if whole || float || ["true", "false"].contains(&value) { value.to_string() } else { quoted(value) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_preset_reads_back() {
+        for preset in Preset::ALL {
+            let config = Config::preset(preset);
+            let text = to_toml(&config);
+            let dir =
+                std::env::temp_dir().join(format!("bijective-sdf-config-{}-{preset}", std::process::id()));
+            std::fs::write(&dir, &text).unwrap();
+            let settings = Settings { config: Some(dir.clone()), ..Settings::default() };
+            let (back, _) = settings.build().unwrap();
+            std::fs::remove_file(dir).unwrap();
+            assert_eq!(back, config, "{text}");
+        }
+    }
+
+    #[test]
+    fn values_are_typed() {
+        let cases = [("1", "1"), ("-0.5", "-0.5"), ("1e-3", "1e-3"), ("true", "true"), ("32:1", "\"32:1\"")];
+        for (value, toml) in cases {
+            assert_eq!(literal(value), toml);
+        }
+        assert_eq!(literal("18446744073709551615"), "\"18446744073709551615\"");
+        assert_eq!(literal("inf"), "\"inf\"");
+    }
+}

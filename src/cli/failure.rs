@@ -1,0 +1,101 @@
+//! Why a command ended without success, and the exit code that says so.
+
+use std::io;
+
+use bijective_sdf::{Error, ErrorKind};
+
+/// Why a command ended without success.
+#[derive(Debug)]
+pub enum Failure {
+    /// The library failed; the kind decides on the exit code.
+    Library(Error),
+    /// An input could not be read, for whatever reason.
+    Input(Error),
+    /// A result could not be written, for whatever reason.
+    Output(Error),
+    /// The arguments contradict each other.
+    Usage(String),
+    /// The work is done, but the mesh is not closed and oriented.
+    Gate(String),
+    /// The user asked to stop.
+    Interrupted(String),
+    /// The reader of our output went away, which is its right.
+    Closed,
+}
+
+impl Failure {
+    /// The exit code, as the program's help lists them.
+    pub fn code(&self) -> u8 {
+        match self {
+            Failure::Library(e) => match e.kind() {
+                ErrorKind::Config => 2,
+                ErrorKind::Format | ErrorKind::Data | ErrorKind::Checkpoint => 3,
+                _ => 1,
+            },
+            Failure::Input(_) => 3,
+            Failure::Output(_) => 1,
+            Failure::Usage(_) => 2,
+            Failure::Gate(_) => 4,
+            Failure::Interrupted(_) => 130,
+            Failure::Closed => 0,
+        }
+    }
+
+    /// The line to print, if there is anything to say.
+    pub fn line(&self) -> Option<String> {
+        let text = match self {
+            Failure::Library(e) | Failure::Input(e) | Failure::Output(e) => format!("error: {e}"),
+            Failure::Usage(text) => format!("error: {text}"),
+            Failure::Gate(text) => format!("warning: {text}"),
+            Failure::Interrupted(text) => format!("interrupted: {text}"),
+            Failure::Closed => return None,
+        };
+        // Causes from other crates may span lines.
+        Some(text.lines().map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join(" "))
+    }
+
+    /// What a failed write to standard output means.
+    pub fn of_stdout(e: io::Error) -> Failure {
+        if e.kind() == io::ErrorKind::BrokenPipe {
+            Failure::Closed
+        } else {
+            Failure::Output(Error::new(ErrorKind::Io, "cannot write to standard output").caused_by(e))
+        }
+    }
+}
+
+impl From<Error> for Failure {
+    fn from(e: Error) -> Self {
+        Failure::Library(e)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_failure_has_one_line_and_a_code() {
+        let lib = |kind| Failure::Library(Error::new(kind, "text").caused_by("a\n  b\n"));
+        assert_eq!(lib(ErrorKind::Data).line().unwrap(), "error: text (a b )");
+        let codes = [
+            (lib(ErrorKind::Config), 2),
+            (lib(ErrorKind::Format), 3),
+            (lib(ErrorKind::Data), 3),
+            (lib(ErrorKind::Checkpoint), 3),
+            (lib(ErrorKind::Io), 1),
+            (lib(ErrorKind::NoSurface), 1),
+            (lib(ErrorKind::Diverged), 1),
+            (Failure::Input(Error::new(ErrorKind::Io, "x")), 3),
+            (Failure::Output(Error::new(ErrorKind::Data, "x")), 1),
+            (Failure::Gate("x".into()), 4),
+            (Failure::Interrupted("x".into()), 130),
+            (Failure::of_stdout(io::ErrorKind::BrokenPipe.into()), 0),
+            (Failure::of_stdout(io::Error::other("full")), 1),
+        ];
+        for (failure, code) in codes {
+            assert_eq!(failure.code(), code, "{failure:?}");
+            assert_eq!(failure.line().is_none(), code == 0);
+        }
+    }
+}

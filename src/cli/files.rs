@@ -1,0 +1,192 @@
+//! Where data comes from and goes to: files, or the pipe `-`.
+
+use std::fs;
+use std::io::{self, Read, Write};
+use std::path::{Path, PathBuf};
+
+use bijective_sdf::geometry::TriangleMesh;
+use bijective_sdf::io::{
+    Encoding, Format, PointCloud, read_cloud_bytes, read_mesh_bytes, write_atomic, write_cloud_to,
+    write_mesh_to,
+};
+use bijective_sdf::{Error, ErrorKind};
+use clap::builder::{PossibleValuesParser, TypedValueParser};
+
+use super::failure::Failure;
+
+/// The formats that hold faces.
+pub const MESH_FORMATS: [Format; 3] = [Format::Ply, Format::Obj, Format::Stl];
+/// The formats that clouds are written in.
+pub const CLOUD_FORMATS: [Format; 3] = [Format::Ply, Format::Xyz, Format::Csv];
+
+/// What a file turned out to hold.
+pub enum Content {
+    Cloud(PointCloud),
+    Mesh(TriangleMesh),
+}
+
+/// Parses the name of a format and lists the names in the help.
+pub fn format_parser() -> impl TypedValueParser<Value = Format> {
+    PossibleValuesParser::new(Format::ALL.map(Format::name))
+        .map(|name| Format::ALL.into_iter().find(|f| f.name() == name).expect("a listed name"))
+}
+
+/// The bytes of an input and its name for messages. `-` is standard input.
+pub struct Input<'a> {
+    path: &'a Path,
+    format: Option<Format>,
+    bytes: Vec<u8>,
+}
+
+impl<'a> Input<'a> {
+    /// Reads everything; the format is the given one, else what the file name says, else left to the content.
+    pub fn read(path: &'a Path, format: Option<Format>) -> Result<Self, Failure> {
+        let failed =
+            |e| Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e));
+        if is_pipe(path) {
+            let mut bytes = Vec::new();
+            io::stdin().lock().read_to_end(&mut bytes).map_err(|e| {
+                Failure::Input(Error::new(ErrorKind::Io, "cannot read standard input").caused_by(e))
+            })?;
+            return Ok(Input { path: Path::new("standard input"), format, bytes });
+        }
+        let bytes = fs::read(path).map_err(failed)?;
+        Ok(Input { path, format: format.or_else(|| Format::from_path(path)), bytes })
+    }
+
+    /// The name for messages.
+    pub fn path(&self) -> &Path {
+        self.path
+    }
+
+    /// The points.
+    pub fn cloud(&self) -> Result<PointCloud, Failure> {
+        read_cloud_bytes(&self.bytes, self.format).map_err(|e| Failure::Input(e.in_file(self.path)))
+    }
+
+    /// The mesh.
+    pub fn mesh(&self) -> Result<TriangleMesh, Failure> {
+        read_mesh_bytes(&self.bytes, self.format).map_err(|e| Failure::Input(e.in_file(self.path)))
+    }
+
+    /// The mesh, or the points if the file has no faces.
+    pub fn content(&self) -> Result<Content, Failure> {
+        let format = self.format.or_else(|| Format::from_content(&self.bytes));
+        if format.is_some_and(|f| !MESH_FORMATS.contains(&f)) {
+            return self.cloud().map(Content::Cloud);
+        }
+        match self.mesh() {
+            // A file that has points and is whole, but is no mesh, is a cloud; damage shows in both readings.
+            Err(Failure::Input(e)) if e.kind() == ErrorKind::Data => {
+                self.cloud().map(Content::Cloud).map_err(|_| Failure::Input(e))
+            }
+            result => result.map(Content::Mesh),
+        }
+    }
+}
+
+/// A place for one result, checked before any work is done.
+#[derive(Clone, Debug)]
+pub struct Output {
+    path: PathBuf,
+    format: Format,
+    encoding: Encoding,
+}
+
+impl Output {
+    /// Decides on the format and checks that the file can be there.
+    pub fn new(
+        path: &Path,
+        format: Option<Format>,
+        ascii: bool,
+        allowed: &[Format],
+    ) -> Result<Self, Failure> {
+        let names = || allowed.iter().map(|f| f.name()).collect::<Vec<_>>().join(", ");
+        let format = match format.or_else(|| Format::from_path(path)) {
+            Some(format) if allowed.contains(&format) => format,
+            Some(format) => {
+                return Err(Failure::Usage(format!(
+                    "{}: this result is not written as {format}; choose one of {}",
+                    path.display(),
+                    names()
+                )));
+            }
+            None if is_pipe(path) => Format::Ply,
+            None => {
+                return Err(Failure::Usage(format!(
+                    "{}: the extension means no known format; name the file with one of {}",
+                    path.display(),
+                    names()
+                )));
+            }
+        };
+        check_writable(path)?;
+        let encoding = if ascii { Encoding::Ascii } else { Encoding::Binary };
+        Ok(Output { path: path.to_path_buf(), format, encoding })
+    }
+
+    /// The file name as the user gave it.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Writes points.
+    pub fn write_cloud(&self, points: &[[f32; 3]]) -> Result<(), Failure> {
+        let mut bytes = Vec::new();
+        write_cloud_to(&mut bytes, points, self.format, self.encoding).map_err(Failure::Output)?;
+        write_bytes(&self.path, &bytes)
+    }
+
+    /// Writes a mesh.
+    pub fn write_mesh(&self, mesh: &TriangleMesh) -> Result<(), Failure> {
+        let mut bytes = Vec::new();
+        write_mesh_to(&mut bytes, mesh, self.format, self.encoding).map_err(Failure::Output)?;
+        write_bytes(&self.path, &bytes)
+    }
+}
+
+/// Whether a path stands for standard input or output.
+pub fn is_pipe(path: &Path) -> bool {
+    path.as_os_str() == "-"
+}
+
+/// Fails early where a later write would: hours of work should not end at a misspelt directory.
+pub fn check_writable(path: &Path) -> Result<(), Failure> {
+    if is_pipe(path) {
+        return Ok(());
+    }
+    let refuse = |text: &str, advice: &str| {
+        Err(Failure::Output(Error::new(ErrorKind::Io, text).in_file(path).advise(advice)))
+    };
+    if path.is_dir() {
+        return refuse("cannot write the file: it is a directory", "give a file name");
+    }
+    match path.parent() {
+        Some(parent) if !parent.as_os_str().is_empty() && !parent.is_dir() => {
+            refuse("cannot write the file: its directory does not exist", "create the directory first")
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Writes a whole file, or to standard output; the file appears whole or not at all.
+pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
+    if is_pipe(path) {
+        return print(bytes);
+    }
+    write_atomic(path, |out| {
+        out.write_all(bytes).map_err(|e| Error::new(ErrorKind::Io, "writing failed").caused_by(e))
+    })
+    .map_err(Failure::Output)
+}
+
+/// Writes to standard output.
+pub fn print(bytes: impl AsRef<[u8]>) -> Result<(), Failure> {
+    let mut out = io::stdout().lock();
+    out.write_all(bytes.as_ref()).and_then(|()| out.flush()).map_err(Failure::of_stdout)
+}
+
+/// Writes a line to standard error. Nobody can be told that this failed.
+pub fn say(line: &str) {
+    let _ = writeln!(io::stderr().lock(), "{line}");
+}

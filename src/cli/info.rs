@@ -1,0 +1,133 @@
+//! `info`: what is in a file.
+
+use std::path::PathBuf;
+
+use bijective_sdf::evaluate::percentile;
+use bijective_sdf::geometry::{Bounds, KdTree, Normalizer, TriangleMesh, clean_cloud};
+use bijective_sdf::io::{Format, PointCloud};
+use clap::Args;
+
+use super::Common;
+use super::failure::Failure;
+use super::files::{Content, Input, format_parser, print};
+use super::json::{Object, list, number, quoted};
+use super::report::{bounds_text, gate, topology_json, topology_text};
+
+/// Arguments of `info`.
+#[derive(Debug, Args)]
+pub struct InfoArgs {
+    /// A point cloud or a mesh, or `-`
+    file: PathBuf,
+    /// Format of the file [default: by extension, else by content]
+    #[arg(long, value_parser = format_parser())]
+    format: Option<Format>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+    /// Exit with 4 unless the file is a closed and oriented mesh
+    #[arg(long)]
+    check: bool,
+}
+
+/// Describes a file.
+pub fn run(args: &InfoArgs, common: Common) -> Result<(), Failure> {
+    let input = Input::read(&args.file, args.format)?;
+    match input.content()? {
+        Content::Mesh(mesh) => describe_mesh(&mesh, args),
+        Content::Cloud(cloud) => {
+            cloud.notices.iter().for_each(|n| common.note(n));
+            describe_cloud(&cloud, args)
+        }
+    }
+}
+
+fn describe_mesh(mesh: &TriangleMesh, args: &InfoArgs) -> Result<(), Failure> {
+    let topology = mesh.topology();
+    if args.json {
+        let json = Object::new().text("kind", "mesh").raw("mesh", topology_json(&topology)).finish();
+        print(format!("{json}\n"))?;
+    } else {
+        print(format!("mesh\n{}", topology_text(&topology)))?;
+    }
+    if args.check { gate(&topology) } else { Ok(()) }
+}
+
+fn describe_cloud(cloud: &PointCloud, args: &InfoArgs) -> Result<(), Failure> {
+    let points = &cloud.points;
+    let bounds = Bounds::of(points)?;
+    let (low, high) = (bounds.min.map(|x| x as f32), bounds.max.map(|x| x as f32));
+    let cleaned = clean_cloud(points);
+    let problem = cleaned.as_ref().err().map(|e| e.to_string());
+    let merged = cleaned.as_ref().map_or(0, |c| c.duplicates_merged);
+    let spacing = spacing(cleaned.as_ref().map_or(points, |c| &c.points));
+    if args.json {
+        let corner = |c: [f32; 3]| list(c.map(|x| number(Some(f64::from(x)))));
+        let json = Object::new()
+            .text("kind", "cloud")
+            .count("points", points.len())
+            .count("duplicates", merged)
+            .raw("bounds", list([low, high].map(corner)))
+            .raw(
+                "spacing",
+                spacing.map_or("null".into(), |[least, middle, most]| {
+                    Object::new().number("min", least).number("median", middle).number("max", most).finish()
+                }),
+            )
+            .flag("usable", problem.is_none())
+            .raw("problem", problem.as_deref().map_or("null".into(), quoted))
+            .finish();
+        print(format!("{json}\n"))?;
+    } else {
+        let mut text = format!("cloud\npoints      {}\nduplicates  {merged}\n", points.len());
+        text += &bounds_text(low, high);
+        text += &format!("longest     {}\n", bounds.longest());
+        if let Some([least, middle, most]) = spacing {
+            text += &format!("spacing     {middle:.4e} median, {least:.4e} least, {most:.4e} most\n");
+        }
+        text += &match &problem {
+            None => "usable      yes\n".to_string(),
+            Some(problem) => format!("usable      no: {problem}\n"),
+        };
+        print(text)?;
+    }
+    if args.check {
+        return Err(Failure::Gate("the file is a point cloud, not a closed mesh".into()));
+    }
+    Ok(())
+}
+
+/// Least, median and largest distance to the nearest other point.
+pub fn spacing(points: &[[f32; 3]]) -> Option<[f64; 3]> {
+    if points.len() < 2 {
+        return None;
+    }
+    // In the unit frame, where squares of distances neither overflow nor vanish.
+    let frame = Normalizer::of(points).ok()?;
+    let unit = frame.forward(points);
+    let neighbours = KdTree::new(&unit).k_nearest(&unit, 2);
+    let distances: Vec<f64> = neighbours
+        .chunks_exact(2)
+        .zip(&unit)
+        .map(|(pair, p)| {
+            // Of two points at one place either may come first.
+            let to =
+                |i: u32| (0..3).map(|a| f64::from(p[a] - unit[i as usize][a]).powi(2)).sum::<f64>().sqrt();
+            to(pair[0]).max(to(pair[1])) * frame.scale()
+        })
+        .collect();
+    Some([percentile(&distances, 0.0)?, percentile(&distances, 50.0)?, percentile(&distances, 100.0)?])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn spacing_of_points_on_a_line() {
+        let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [7.0, 0.0, 0.0]];
+        let [least, middle, most] = spacing(&points).unwrap();
+        assert!((least - 1.0).abs() < 1e-5 && (middle - 1.5).abs() < 1e-5 && (most - 4.0).abs() < 1e-5);
+        assert_eq!(spacing(&points[..1]), None);
+        assert_eq!(spacing(&[[1.0; 3]; 3]), None);
+    }
+}

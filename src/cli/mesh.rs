@@ -1,0 +1,53 @@
+//! `mesh`: the surface of a saved field.
+
+use std::path::PathBuf;
+
+use bijective_sdf::io::Format;
+use bijective_sdf::reconstruct::Reconstruction;
+use clap::Args;
+
+use super::Common;
+use super::failure::Failure;
+use super::files::{MESH_FORMATS, Output, check_writable, format_parser, write_bytes};
+use super::preview::{View, ViewArgs, render};
+use super::reconstruct::RESOLUTION;
+use super::report::gate;
+
+/// Arguments of `mesh`.
+#[derive(Debug, Args)]
+pub struct MeshArgs {
+    /// A field that `reconstruct --save-field` wrote
+    field: PathBuf,
+    /// The mesh to write (ply, obj, stl), or `-`
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    /// Cubes along the longest side of the grid that the mesh is taken from
+    #[arg(long, default_value_t = RESOLUTION, value_parser = super::reconstruct::resolution_parser())]
+    resolution: usize,
+    /// Format of the mesh [default: by extension; ply for `-`]
+    #[arg(long, value_parser = format_parser())]
+    output_format: Option<Format>,
+    /// Write text where the format also has a binary form
+    #[arg(long)]
+    ascii: bool,
+    #[command(flatten)]
+    view: ViewArgs,
+}
+
+/// Writes the mesh of a field.
+pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
+    let output = Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?;
+    if let Some(path) = &args.view.preview {
+        check_writable(path)?;
+    }
+    let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
+    let mesh = field.mesh(args.resolution)?;
+    let topology = mesh.topology();
+    if let Some(path) = &args.view.preview {
+        let image = render(field.cloud(), &mesh, &View::from(&args.view))?;
+        write_bytes(path, &image.to_png())?;
+    }
+    output.write_mesh(&mesh)?;
+    common.note(&topology.to_string());
+    gate(&topology)
+}

@@ -1,0 +1,128 @@
+//! Arguments, files, progress and printing of the program; what is computed is computed by the library.
+
+use std::num::NonZeroUsize;
+use std::process::ExitCode;
+
+use clap::{Args, Parser, Subcommand};
+
+mod config;
+mod demo;
+mod evaluate;
+mod failure;
+mod files;
+mod info;
+mod interrupt;
+mod json;
+mod mesh;
+mod preview;
+mod progress;
+mod reconstruct;
+mod report;
+mod sample;
+mod sdf;
+mod settings;
+mod train;
+
+use failure::Failure;
+
+const AFTER: &str = "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad input, 4 finished but the mesh is not closed \
+                     and oriented, 130 interrupted after writing a checkpoint.\n\
+                     A file name `-` means standard input or output. Results go to standard output, messages to \
+                     standard error.";
+
+/// Signed distance fields and closed meshes from sparse, unoriented point clouds.
+#[derive(Debug, Parser)]
+#[command(name = "bijective-sdf", version, after_help = AFTER, max_term_width = 110)]
+struct Cli {
+    #[command(flatten)]
+    common: Common,
+    #[command(subcommand)]
+    command: Command,
+}
+
+/// Options of every command.
+#[derive(Clone, Copy, Debug, Args)]
+struct Common {
+    /// Number of threads [default: one a processor]; the result is the same for any number
+    #[arg(long, global = true, value_name = "N")]
+    threads: Option<NonZeroUsize>,
+    /// Print errors only, no progress and no notes
+    #[arg(short, long, global = true)]
+    quiet: bool,
+}
+
+impl Common {
+    /// A remark on standard error, unless the user wants none.
+    fn note(self, text: &str) {
+        if !self.quiet {
+            files::say(&format!("note: {text}"));
+        }
+    }
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Fit a signed distance field to a point cloud and write its closed triangle mesh
+    Reconstruct(Box<reconstruct::ReconstructArgs>),
+    /// Reconstruct a built-in shape and compare with the true surface
+    Demo(demo::DemoArgs),
+    /// Write the mesh of a saved field
+    Mesh(mesh::MeshArgs),
+    /// Print the signed distances of a saved field at points
+    Sdf(sdf::SdfArgs),
+    /// Compare reconstructed meshes with ground truths
+    Evaluate(evaluate::EvaluateArgs),
+    /// Draw random points from a mesh
+    Sample(sample::SampleArgs),
+    /// Describe a point cloud or a mesh
+    Info(info::InfoArgs),
+    /// List the presets
+    Presets,
+    /// Print a configuration as TOML, to edit and give to --config
+    Config(config::ConfigArgs),
+}
+
+/// Runs the program on the process's arguments and says how it should exit.
+pub fn run() -> ExitCode {
+    let cli = Cli::parse();
+    match dispatch(&cli) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            if let Some(line) = failure.line() {
+                files::say(&line);
+            }
+            ExitCode::from(failure.code())
+        }
+    }
+}
+
+fn dispatch(cli: &Cli) -> Result<(), Failure> {
+    if let Some(threads) = cli.common.threads {
+        rayon::ThreadPoolBuilder::new()
+            .num_threads(threads.get())
+            .build_global()
+            .map_err(|e| Failure::Usage(format!("cannot start {threads} threads ({e})")))?;
+    }
+    match &cli.command {
+        Command::Reconstruct(args) => reconstruct::run(args, cli.common),
+        Command::Demo(args) => demo::run(args, cli.common),
+        Command::Mesh(args) => mesh::run(args, cli.common),
+        Command::Sdf(args) => sdf::run(args, cli.common),
+        Command::Evaluate(args) => evaluate::run(args, cli.common),
+        Command::Sample(args) => sample::run(args, cli.common),
+        Command::Info(args) => info::run(args, cli.common),
+        Command::Presets => config::list_presets(),
+        Command::Config(args) => config::run(args),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use clap::CommandFactory;
+
+    #[test]
+    fn the_arguments_are_consistent() {
+        Cli::command().debug_assert();
+    }
+}

@@ -1,0 +1,217 @@
+//! Pictures of a cloud and its reconstruction, side by side, by a small software renderer.
+//!
+//! The one place of the program with arithmetic of its own: a picture is output, not a result, so it does not belong
+//! to the library.
+
+use std::path::PathBuf;
+use std::str::FromStr;
+
+use bijective_sdf::geometry::{Normalizer, TriangleMesh};
+use clap::{Args, ValueEnum};
+
+mod camera;
+mod raster;
+mod shade;
+
+use super::failure::Failure;
+use super::info::spacing;
+use camera::Camera;
+use raster::Buffer;
+
+/// Width and height of each of the two panels, in pixels.
+const PANEL: usize = 640;
+/// Samples a pixel along each axis.
+const SUPER: usize = 3;
+
+/// Options of a picture.
+#[derive(Debug, Default, Args)]
+pub struct ViewArgs {
+    /// Write a picture of the points and the mesh, side by side (png)
+    #[arg(long, value_name = "FILE")]
+    pub preview: Option<PathBuf>,
+    /// Direction the picture is taken from, in degrees: around the upward axis, and above the horizon
+    #[arg(long, value_name = "AROUND,ABOVE", allow_hyphen_values = true, requires = "preview")]
+    view: Option<Angles>,
+    /// Upward axis of the picture
+    #[arg(long, value_enum, default_value_t = Axis::Y, requires = "preview")]
+    up: Axis,
+}
+
+/// Where the camera is, in degrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Angles {
+    around: f64,
+    above: f64,
+}
+
+impl FromStr for Angles {
+    type Err = String;
+
+    fn from_str(s: &str) -> Result<Self, String> {
+        let numbers: Option<Vec<f64>> = s.split(',').map(|x| x.trim().parse().ok()).collect();
+        match numbers.as_deref() {
+            Some(&[around, above]) if around.is_finite() && above.is_finite() => Ok(Angles { around, above }),
+            _ => Err("two numbers expected, such as 35,25".into()),
+        }
+    }
+}
+
+/// An axis of the input's coordinates.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
+pub enum Axis {
+    /// x
+    X,
+    /// y
+    #[default]
+    Y,
+    /// z
+    Z,
+}
+
+/// How to look at the scene.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct View {
+    /// Where from.
+    pub angles: Angles,
+    /// The axis that points up in the picture.
+    pub up: Axis,
+}
+
+impl Default for View {
+    fn default() -> Self {
+        View { angles: Angles { around: 35.0, above: 28.0 }, up: Axis::Y }
+    }
+}
+
+impl From<&ViewArgs> for View {
+    fn from(args: &ViewArgs) -> Self {
+        View { angles: args.view.unwrap_or(View::default().angles), up: args.up }
+    }
+}
+
+/// A picture: rows from the top, red, green, blue.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Image {
+    width: usize,
+    height: usize,
+    rgb: Vec<u8>,
+}
+
+impl Image {
+    /// The bytes of a PNG file.
+    pub fn to_png(&self) -> Vec<u8> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_depth(png::BitDepth::Eight);
+        encoder.set_compression(png::Compression::Balanced);
+        let written = encoder.write_header().and_then(|mut w| w.write_image_data(&self.rgb));
+        written.expect("writing to memory a picture of its own size");
+        bytes
+    }
+}
+
+/// Draws the points to the left and the mesh to the right, from the same place.
+pub fn render(points: &[[f32; 3]], mesh: &TriangleMesh, view: &View) -> Result<Image, Failure> {
+    draw(points, mesh, view, PANEL)
+}
+
+fn draw(points: &[[f32; 3]], mesh: &TriangleMesh, view: &View, panel: usize) -> Result<Image, Failure> {
+    let mut all = points.to_vec();
+    all.extend_from_slice(&mesh.verts);
+    // In the unit frame, sizes of balls and shadows mean the same for every input.
+    let frame = Normalizer::of(&all)?;
+    let (points, verts) = (frame.forward(points), frame.forward(&mesh.verts));
+    let scene: Vec<[f32; 3]> = points.iter().chain(&verts).copied().collect();
+    let size = panel * SUPER;
+    let camera = Camera::around(&scene, view, size);
+
+    let radius = spacing(&points).map_or(0.01, |[_, middle, _]| (0.3 * middle).clamp(0.0025, 0.0105)) as f32;
+    let mut left = Buffer::new(size);
+    for &p in &points {
+        left.ball(&camera, p, radius);
+    }
+    let mut right = Buffer::new(size);
+    let normals = mesh.vertex_normals();
+    for &face in &mesh.faces {
+        let corner = |i: usize| (verts[face[i] as usize], normals[face[i] as usize]);
+        right.triangle(&camera, [corner(0), corner(1), corner(2)]);
+    }
+
+    let left = shade::resolve(&left, &camera, SUPER);
+    let right = shade::resolve(&right, &camera, SUPER);
+    let mut rgb = Vec::with_capacity(2 * left.len());
+    for (l, r) in left.chunks_exact(3 * panel).zip(right.chunks_exact(3 * panel)) {
+        rgb.extend_from_slice(l);
+        rgb.extend_from_slice(r);
+    }
+    Ok(Image { width: 2 * panel, height: panel, rgb })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, extract};
+
+    /// A smaller panel, for speed.
+    const PANEL: usize = 120;
+
+    fn scene() -> (Vec<[f32; 3]>, TriangleMesh) {
+        let shape = Shape::Sphere { radius: 0.5 };
+        let grid = TetGrid::covering([-0.6; 3], [0.6; 3], 24, 1).unwrap();
+        let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
+        (shape.sample(200, 1).0, extract(&grid, &mut sdf, &NarrowBandOptions::default()).unwrap())
+    }
+
+    fn pixel(image: &Image, x: usize, y: usize) -> [u8; 3] {
+        let at = 3 * (y * image.width + x);
+        image.rgb[at..at + 3].try_into().unwrap()
+    }
+
+    #[test]
+    fn a_sphere_fills_its_panel_and_shows_its_outside() {
+        let (points, mut mesh) = scene();
+        let image = draw(&points, &mesh, &View::default(), PANEL).unwrap();
+        let [r, _, b] = pixel(&image, PANEL + PANEL / 2, PANEL / 2);
+        assert!(b > r, "the front is blue");
+        let [r, g, b] = pixel(&image, PANEL + 2, 2);
+        assert!(r > 225 && g > 225 && b > 225, "the corner is background");
+        mesh.faces.iter_mut().for_each(|f| f.swap(0, 1));
+        let inside_out = draw(&points, &mesh, &View::default(), PANEL).unwrap();
+        let [r, _, b] = pixel(&inside_out, PANEL + PANEL / 2, PANEL / 2);
+        assert!(r > b, "the back is red");
+        assert_eq!(image.rgb[..3 * PANEL], inside_out.rgb[..3 * PANEL]);
+        let drawn = |from: usize| {
+            (0..PANEL * PANEL).filter(|i| pixel(&image, from + i % PANEL, i / PANEL)[0] < 220).count() as f64
+        };
+        let share = drawn(PANEL) / (PANEL * PANEL) as f64;
+        assert!((0.5..0.75).contains(&share), "{share} of the panel");
+        assert!(drawn(0) > 400.0);
+    }
+
+    #[test]
+    fn pictures_are_png_and_do_not_depend_on_place_and_size() {
+        let (points, mesh) = scene();
+        let image = draw(&points, &mesh, &View::default(), PANEL).unwrap();
+        let far = |p: &[f32; 3]| p.map(|x| 8.0 * x + 16.0);
+        let moved = TriangleMesh { verts: mesh.verts.iter().map(far).collect(), faces: mesh.faces };
+        let points: Vec<_> = points.iter().map(far).collect();
+        let other = draw(&points, &moved, &View::default(), PANEL).unwrap();
+        let apart = image.rgb.iter().zip(&other.rgb).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+        assert!(apart < image.rgb.len() / 200, "{apart}");
+        let png = image.to_png();
+        let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
+        let mut back = vec![0; reader.output_buffer_size().unwrap()];
+        let info = reader.next_frame(&mut back).unwrap();
+        assert_eq!((info.width, info.height), (2 * PANEL as u32, PANEL as u32));
+        assert_eq!(back, image.rgb);
+    }
+
+    #[test]
+    fn angles_are_read() {
+        assert_eq!("-10, 45".parse(), Ok(Angles { around: -10.0, above: 45.0 }));
+        for bad in ["", "1", "1,2,3", "a,b", "nan,1"] {
+            assert!(bad.parse::<Angles>().is_err());
+        }
+    }
+}

@@ -1,0 +1,113 @@
+//! How far training is: a bar on a terminal, else a line now and then.
+
+use std::io::{self, IsTerminal};
+use std::time::{Duration, Instant};
+
+use bijective_sdf::reconstruct::StepReport;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+use super::files::say;
+
+/// Time between lines where there is no terminal.
+const PAUSE: Duration = Duration::from_secs(10);
+
+/// Shows steps.
+pub struct Progress {
+    shown: Shown,
+    began: Instant,
+    /// Steps that an earlier run made.
+    before: usize,
+    total: usize,
+    recoveries: usize,
+}
+
+enum Shown {
+    Nothing,
+    Lines { last: Option<Instant> },
+    Bar(ProgressBar),
+}
+
+impl Progress {
+    /// Progress over `total` steps of which `before` are made already.
+    pub fn new(total: usize, before: usize, quiet: bool) -> Self {
+        let shown = if quiet {
+            Shown::Nothing
+        } else if io::stderr().is_terminal() {
+            let bar =
+                ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(8));
+            let style = ProgressStyle::with_template("{bar:20} {pos}/{len}  {wide_msg}")
+                .expect("a valid template")
+                .progress_chars("=> ");
+            bar.set_style(style);
+            bar.set_position(before as u64);
+            Shown::Bar(bar)
+        } else {
+            Shown::Lines { last: None }
+        };
+        Progress { shown, began: Instant::now(), before, total, recoveries: 0 }
+    }
+
+    /// Shows the losses of a step, after `done` steps of the whole training and so many returns to an earlier state.
+    pub fn step(&mut self, done: usize, report: &StepReport, recoveries: usize) {
+        if recoveries > self.recoveries {
+            self.recoveries = recoveries;
+            self.note("training went wrong and goes on from an earlier state with smaller steps");
+        }
+        let text = self.describe(done, report);
+        match &mut self.shown {
+            Shown::Nothing => {}
+            Shown::Lines { last } => {
+                let due = last.is_none_or(|t| t.elapsed() >= PAUSE) || done == self.total;
+                if due {
+                    *last = Some(Instant::now());
+                    say(&format!("step {done}/{}  {text}", self.total));
+                }
+            }
+            Shown::Bar(bar) => {
+                bar.set_position(done as u64);
+                bar.set_message(text);
+            }
+        }
+    }
+
+    /// Shows a line without disturbing the bar.
+    pub fn note(&self, text: &str) {
+        match &self.shown {
+            Shown::Nothing => {}
+            Shown::Lines { .. } => say(&format!("note: {text}")),
+            Shown::Bar(bar) => bar.suspend(|| say(&format!("note: {text}"))),
+        }
+    }
+
+    /// Leaves the last state on the screen.
+    pub fn finish(self) {
+        if let Shown::Bar(bar) = self.shown {
+            bar.abandon();
+        }
+    }
+
+    fn describe(&self, done: usize, r: &StepReport) -> String {
+        let made = done.saturating_sub(self.before).max(1) as f64;
+        let left = self.began.elapsed().as_secs_f64() / made * self.total.saturating_sub(done) as f64;
+        format!(
+            // On a narrow terminal the end is cut off.
+            "{} left  loss {:.2e}  para {:.2e}  deform {:.2e}  surf {:.2e}  grid {}",
+            duration(left),
+            r.loss,
+            r.para,
+            r.deform,
+            r.surf,
+            r.resolution
+        )
+    }
+}
+
+/// A number of seconds for reading.
+pub fn duration(seconds: f64) -> String {
+    let s = seconds.round() as u64;
+    match s {
+        0..60 => format!("{s} s"),
+        60..3600 => format!("{}:{:02} min", s / 60, s % 60),
+        _ => format!("{}:{:02} h", s / 3600, s / 60 % 60),
+    }
+}

@@ -1,0 +1,228 @@
+//! `reconstruct`: from a cloud to a mesh.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use bijective_sdf::geometry::{Topology, clean_cloud};
+use bijective_sdf::io::Format;
+use clap::Args;
+use clap::builder::TypedValueParser;
+
+use super::Common;
+use super::failure::Failure;
+use super::files::{
+    CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_writable, format_parser, is_pipe, print, write_bytes,
+};
+use super::interrupt::Interrupt;
+use super::json::Object;
+use super::preview::{View, ViewArgs, render};
+use super::report::{gate, passes_gate, topology_json};
+use super::settings::Settings;
+use super::train::{Plan, Trained, train};
+
+/// Cubes along the longest side of the grid that a mesh is taken from.
+pub const RESOLUTION: usize = 128;
+/// Seconds between two checkpoints.
+const CHECKPOINT_SECONDS: u64 = 60;
+
+/// Parses the resolution of a mesh.
+pub fn resolution_parser() -> impl TypedValueParser<Value = usize> {
+    clap::value_parser!(u16).range(8..=1024).map(usize::from)
+}
+
+/// Arguments of `reconstruct`.
+#[derive(Debug, Args)]
+pub struct ReconstructArgs {
+    /// The point cloud (ply, xyz, csv, obj, stl, npy, KITTI bin), or `-`
+    input: PathBuf,
+    /// The mesh to write (ply, obj, stl), or `-`
+    #[arg(short, long, value_name = "FILE")]
+    output: PathBuf,
+    #[command(flatten)]
+    settings: Settings,
+    /// Cubes along the longest side of the grid that the mesh is taken from
+    #[arg(long, default_value_t = RESOLUTION, value_parser = resolution_parser())]
+    resolution: usize,
+    /// Format of the input [default: by extension, else by content]
+    #[arg(long, value_parser = format_parser())]
+    format: Option<Format>,
+    /// Format of the mesh [default: by extension; ply for `-`]
+    #[arg(long, value_parser = format_parser())]
+    output_format: Option<Format>,
+    /// Write text where the format also has a binary form
+    #[arg(long)]
+    ascii: bool,
+    /// Write checkpoints to this file now and then and at the end
+    #[arg(long, value_name = "FILE")]
+    checkpoint: Option<PathBuf>,
+    /// Seconds between two checkpoints
+    #[arg(long, value_name = "SECONDS", default_value_t = CHECKPOINT_SECONDS, requires = "checkpoint")]
+    checkpoint_every: u64,
+    /// Go on from a checkpoint of the same cloud and options
+    #[arg(long, value_name = "FILE")]
+    resume: Option<PathBuf>,
+    /// Stop training after this time and write the mesh of the field as it is then
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    time_limit: Option<Duration>,
+    /// Write the denser points that the surface was drawn to (ply, xyz, csv)
+    #[arg(long, value_name = "FILE")]
+    surface_points: Option<PathBuf>,
+    /// Write the field, for the commands `sdf` and `mesh`
+    #[arg(long, value_name = "FILE")]
+    save_field: Option<PathBuf>,
+    #[command(flatten)]
+    view: ViewArgs,
+    /// Print one JSON object about the run
+    #[arg(long)]
+    json: bool,
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    text.parse::<f64>()
+        .ok()
+        .and_then(|s| Duration::try_from_secs_f64(s).ok())
+        .ok_or_else(|| "a number of seconds expected".into())
+}
+
+/// Reconstructs a cloud.
+pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
+    let began = Instant::now();
+    let (config, preset) = args.settings.build()?;
+    let places = Places::of(args)?;
+    let interrupt = Interrupt::install()?;
+    let input = Input::read(&args.input, args.format)?;
+    let cloud = input.cloud()?;
+    cloud.notices.iter().for_each(|n| common.note(n));
+    // The same check as the library's, here for its numbers and for an error that names the file.
+    let clean = clean_cloud(&cloud.points).map_err(|e| Failure::Input(e.in_file(input.path())))?;
+    if clean.duplicates_merged > 0 {
+        common.note(&format!("left out {} points that repeat others", clean.duplicates_merged));
+    }
+    common.note(&format!("{} points, preset {preset}, seed {}", clean.points.len(), config.seed));
+
+    let trained = train(&cloud.points, &config, &plan(args, common), Some(&interrupt))?;
+    if trained.timed_out {
+        common.note(&format!(
+            "the time limit ended the training after step {} of {}; the result depends on the speed of the machine",
+            trained.steps, trained.total
+        ));
+    }
+    let meshing = Instant::now();
+    let mesh = trained.field.mesh(args.resolution)?;
+    let mesh_seconds = meshing.elapsed().as_secs_f64();
+    let topology = mesh.topology();
+
+    // Everything that can fail by its content is made before anything is written.
+    let preview = match &args.view.preview {
+        Some(path) => Some((path, render(trained.field.cloud(), &mesh, &View::from(&args.view))?.to_png())),
+        None => None,
+    };
+    if let Some(path) = &args.save_field {
+        trained.field.save(path).map_err(Failure::Output)?;
+    }
+    if let Some(output) = &places.surface_points {
+        output.write_cloud(&trained.field.surface_points())?;
+    }
+    if let Some((path, png)) = preview {
+        write_bytes(path, &png)?;
+    }
+    places.mesh.write_mesh(&mesh)?;
+
+    common.note(&topology.to_string());
+    if args.json {
+        let json = Object::new()
+            .path("input", Some(&args.input))
+            .path("output", Some(places.mesh.path()))
+            .count("points", clean.points.len())
+            .count("duplicates", clean.duplicates_merged)
+            .text("preset", preset.name())
+            .raw("seed", config.seed)
+            .count("resolution", args.resolution);
+        let seconds = Object::new()
+            .number("train", trained.seconds)
+            .number("mesh", mesh_seconds)
+            .number("total", began.elapsed().as_secs_f64())
+            .finish();
+        let json = describe(json, &trained, &topology)
+            .raw("seconds", seconds)
+            .path("surface_points", args.surface_points.as_deref())
+            .path("field", args.save_field.as_deref())
+            .path("preview", args.view.preview.as_deref())
+            .path("checkpoint", args.checkpoint.as_deref());
+        print(format!("{}\n", json.finish()))?;
+    }
+    gate(&topology)
+}
+
+/// Adds what training and meshing came to.
+pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object {
+    let losses = trained.last.as_ref().map_or("null".to_string(), |r| {
+        Object::new()
+            .number("loss", f64::from(r.loss))
+            .number("para", f64::from(r.para))
+            .number("deform", f64::from(r.deform))
+            .number("surf", f64::from(r.surf))
+            .finish()
+    });
+    json.count("steps", trained.steps)
+        .count("total_steps", trained.total)
+        .text("ended", if trained.timed_out { "time-limit" } else { "done" })
+        .raw("losses", losses)
+        .raw("mesh", topology_json(topology))
+        .flag("closed_and_oriented", passes_gate(topology))
+}
+
+/// Where results go, checked before the work starts.
+struct Places {
+    mesh: Output,
+    surface_points: Option<Output>,
+}
+
+impl Places {
+    fn of(args: &ReconstructArgs) -> Result<Self, Failure> {
+        let files: Vec<(&str, &Path)> = [
+            ("--output", Some(&args.output)),
+            ("--surface-points", args.surface_points.as_ref()),
+            ("--save-field", args.save_field.as_ref()),
+            ("--preview", args.view.preview.as_ref()),
+            ("--checkpoint", args.checkpoint.as_ref()),
+        ]
+        .into_iter()
+        .filter_map(|(option, path)| path.map(|p| (option, p.as_path())))
+        .collect();
+        for (i, (option, path)) in files.iter().enumerate() {
+            if let Some((other, _)) = files[..i].iter().find(|(_, p)| p == path) {
+                return Err(Failure::Usage(format!("{other} and {option} are both {}", path.display())));
+            }
+            if is_pipe(path) && ["--save-field", "--checkpoint"].contains(option) {
+                return Err(Failure::Usage(format!("{option} needs a file, not a pipe")));
+            }
+            if is_pipe(path) && args.json {
+                return Err(Failure::Usage(format!("{option} - and --json would mix on standard output")));
+            }
+            check_writable(path)?;
+        }
+        Ok(Places {
+            mesh: Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?,
+            surface_points: match &args.surface_points {
+                Some(path) => Some(Output::new(path, None, args.ascii, &CLOUD_FORMATS)?),
+                None => None,
+            },
+        })
+    }
+}
+
+fn plan(args: &ReconstructArgs, common: Common) -> Plan {
+    let beside = |path: &Path| {
+        let mut name = path.as_os_str().to_os_string();
+        name.push(".checkpoint");
+        PathBuf::from(name)
+    };
+    Plan {
+        checkpoint: args.checkpoint.clone().map(|path| (path, Duration::from_secs(args.checkpoint_every))),
+        on_interrupt: (!is_pipe(&args.output)).then(|| beside(&args.output)),
+        resume: args.resume.clone(),
+        time_limit: args.time_limit,
+        quiet: common.quiet,
+    }
+}

@@ -1,0 +1,164 @@
+//! Facts and figures as text and JSON, and the quality gate.
+
+use bijective_sdf::evaluate::{Metrics, Report};
+use bijective_sdf::geometry::Topology;
+
+use super::failure::Failure;
+use super::json::{Object, list, number};
+
+/// Whether a mesh may be called closed: what every result is held against.
+pub fn passes_gate(t: &Topology) -> bool {
+    t.closed && t.oriented
+}
+
+/// The failure to return after everything is written, if the gate is not passed.
+pub fn gate(t: &Topology) -> Result<(), Failure> {
+    if passes_gate(t) {
+        return Ok(());
+    }
+    Err(Failure::Gate(format!(
+        "the mesh is {}closed and {}oriented ({} boundary edges, {} non-manifold edges)",
+        if t.closed { "" } else { "not " },
+        if t.oriented { "" } else { "not " },
+        t.boundary_edges,
+        t.nonmanifold_edges
+    )))
+}
+
+/// The topology as a JSON object.
+pub fn topology_json(t: &Topology) -> String {
+    let corner = |c: [f32; 3]| list(c.map(|x| number(Some(f64::from(x)))));
+    let json = Object::new()
+        .count("verts", t.verts)
+        .count("unused_verts", t.unused_verts)
+        .count("edges", t.edges)
+        .count("faces", t.faces)
+        .count("boundary_edges", t.boundary_edges)
+        .count("nonmanifold_edges", t.nonmanifold_edges)
+        .count("degenerate_faces", t.degenerate_faces)
+        .count("components", t.components)
+        .raw("euler", t.euler)
+        .raw("genus", t.genus.map_or("null".to_string(), |g| g.to_string()))
+        .flag("closed", t.closed)
+        .flag("oriented", t.oriented)
+        .number("volume", t.volume)
+        .number("area", t.area);
+    match t.bounds {
+        Some(b) => json.raw("bounds", list(b.map(corner))),
+        None => json.raw("bounds", "null"),
+    }
+    .finish()
+}
+
+/// The topology in a few lines of text.
+pub fn topology_text(t: &Topology) -> String {
+    let yes = |b: bool| if b { "yes" } else { "no" };
+    let genus = t.genus.map_or("unknown".to_string(), |g| g.to_string());
+    let mut text = format!(
+        "vertices    {}\nfaces       {}\nedges       {}\ncomponents  {}\nEuler       {}\ngenus       {genus}\n\
+         closed      {}\noriented    {}\nvolume      {:.6}\narea        {:.6}\n",
+        t.verts,
+        t.faces,
+        t.edges,
+        t.components,
+        t.euler,
+        yes(t.closed),
+        yes(t.oriented),
+        t.volume,
+        t.area
+    );
+    for (count, what) in [
+        (t.boundary_edges, "boundary edges"),
+        (t.nonmanifold_edges, "non-manifold edges"),
+        (t.degenerate_faces, "degenerate faces"),
+        (t.unused_verts, "unused vertices"),
+    ] {
+        if count > 0 {
+            text += &format!("            {count} {what}\n");
+        }
+    }
+    if let Some([low, high]) = t.bounds {
+        text += &bounds_text(low, high);
+    }
+    text
+}
+
+/// Two corners of a box in text.
+pub fn bounds_text(low: [f32; 3], high: [f32; 3]) -> String {
+    format!("from        {} {} {}\nto          {} {} {}\n", low[0], low[1], low[2], high[0], high[1], high[2])
+}
+
+/// A report as a JSON object.
+pub fn report_json(name: &str, r: &Report, ntps: bool) -> String {
+    let part = |m: &Option<Metrics>| m.as_ref().map_or("null".to_string(), |m| metrics_json(m, ntps));
+    Object::new()
+        .text("name", name)
+        .raw("metrics", metrics_json(&r.metrics, ntps))
+        .raw("floor", part(&r.floor))
+        .raw("surface", part(&r.surface))
+        .number("scale", r.scale)
+        .count("gt_samples", r.gt_samples)
+        .count("pred_samples", r.pred_samples)
+        .finish()
+}
+
+fn metrics_json(m: &Metrics, ntps: bool) -> String {
+    let scores = m.fscores().map(|f| {
+        Object::new()
+            .number("tau", f.tau)
+            .number("f", f.f)
+            .number("precision", f.precision)
+            .number("recall", f.recall)
+            .finish()
+    });
+    let json = Object::new()
+        .number("cd_l1", m.cd_l1())
+        .number("cd_l2", m.cd_l2())
+        .number("acc", m.acc())
+        .number("comp", m.comp())
+        .number("nc", m.nc())
+        .number("hd", m.hd())
+        .raw("fscores", list(scores));
+    if ntps { json.number("nc_ntps", m.nc_ntps()) } else { json }.finish()
+}
+
+/// A report as a table: prediction, sampling floor and distances to the true triangles side by side.
+pub fn report_text(r: &Report, ntps: bool) -> String {
+    let columns: Vec<(&str, &Metrics)> =
+        [("measured", Some(&r.metrics)), ("floor", r.floor.as_ref()), ("to triangles", r.surface.as_ref())]
+            .into_iter()
+            .filter_map(|(name, m)| m.map(|m| (name, m)))
+            .collect();
+    type Row = (String, fn(&Metrics) -> Option<f64>);
+    let tau = r.metrics.tau;
+    let mut rows: Vec<Row> = vec![
+        ("CD L1 x 10".into(), |m| Some(10.0 * m.cd_l1())),
+        ("CD L2 x 100".into(), |m| Some(100.0 * m.cd_l2())),
+        ("accuracy x 10".into(), |m| Some(10.0 * m.acc())),
+        ("completeness x 10".into(), |m| Some(10.0 * m.comp())),
+        ("normal consistency".into(), Metrics::nc),
+        ("Hausdorff".into(), |m| Some(m.hd())),
+        (format!("F-score at {tau}"), |m| Some(m.fscore().f)),
+        (format!("F-score at {}", 0.5 * tau), |m| Some(m.fscores()[0].f)),
+        (format!("F-score at {}", 2.0 * tau), |m| Some(m.fscores()[2].f)),
+    ];
+    if ntps {
+        rows.push(("normal consistency (ntps)".into(), Metrics::nc_ntps));
+    }
+    let mut text = format!("{:26}", "");
+    for (name, _) in &columns {
+        text += &format!("{name:>14}");
+    }
+    text.push('\n');
+    for (name, value) in rows {
+        text += &format!("{name:26}");
+        for (_, m) in &columns {
+            text += &match value(m) {
+                Some(v) => format!("{v:>14.5}"),
+                None => format!("{:>14}", "-"),
+            };
+        }
+        text.push('\n');
+    }
+    text
+}

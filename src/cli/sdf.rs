@@ -1,0 +1,44 @@
+//! `sdf`: values of a saved field.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use bijective_sdf::io::Format;
+use bijective_sdf::reconstruct::Reconstruction;
+use clap::Args;
+
+use super::Common;
+use super::failure::Failure;
+use super::files::{Input, format_parser, print};
+
+/// Arguments of `sdf`.
+#[derive(Debug, Args)]
+pub struct SdfArgs {
+    /// A field that `reconstruct --save-field` wrote
+    field: PathBuf,
+    /// Points in the coordinates of the reconstructed cloud, or `-`
+    points: PathBuf,
+    /// Print the gradient behind each value
+    #[arg(long)]
+    gradient: bool,
+    /// Format of the points [default: by extension, else by content]
+    #[arg(long, value_parser = format_parser())]
+    format: Option<Format>,
+}
+
+/// Prints a line a point.
+pub fn run(args: &SdfArgs, common: Common) -> Result<(), Failure> {
+    let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
+    let cloud = Input::read(&args.points, args.format)?.cloud()?;
+    cloud.notices.iter().for_each(|n| common.note(n));
+    let values = field.sdf(&cloud.points);
+    let gradients = args.gradient.then(|| field.gradient(&cloud.points));
+    let mut text = String::new();
+    for (i, value) in values.iter().enumerate() {
+        let _ = match &gradients {
+            None => writeln!(text, "{value}"),
+            Some(g) => writeln!(text, "{value} {} {} {}", g[i][0], g[i][1], g[i][2]),
+        };
+    }
+    print(text)
+}

@@ -1,0 +1,108 @@
+//! The training loop as a program runs it: with progress, checkpoints, a time limit and Ctrl-C.
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use bijective_sdf::reconstruct::{Config, Reconstruction, StepReport, Trainer};
+
+use super::failure::Failure;
+use super::interrupt::Interrupt;
+use super::progress::Progress;
+
+/// When to stop and what to write on the way.
+#[derive(Clone, Debug, Default)]
+pub struct Plan {
+    /// Where to write checkpoints now and then, and the time between two.
+    pub checkpoint: Option<(PathBuf, Duration)>,
+    /// Where to write a checkpoint on Ctrl-C.
+    pub on_interrupt: Option<PathBuf>,
+    /// A checkpoint to go on from.
+    pub resume: Option<PathBuf>,
+    /// Stop training after this time.
+    pub time_limit: Option<Duration>,
+    /// Show no progress.
+    pub quiet: bool,
+}
+
+/// A trained field and how it came about.
+pub struct Trained {
+    pub field: Reconstruction,
+    /// Steps made, those before a resumed checkpoint included.
+    pub steps: usize,
+    /// Steps planned.
+    pub total: usize,
+    /// The last step of this run that had all losses.
+    pub last: Option<StepReport>,
+    /// Whether the time limit ended the training.
+    pub timed_out: bool,
+    /// Seconds of this run, preparation included.
+    pub seconds: f64,
+}
+
+/// Trains until done, out of time, or interrupted.
+pub fn train(
+    points: &[[f32; 3]],
+    config: &Config,
+    plan: &Plan,
+    interrupt: Option<&Interrupt>,
+) -> Result<Trained, Failure> {
+    let began = Instant::now();
+    let mut trainer = match &plan.resume {
+        Some(path) => Trainer::resume(path, points, config).map_err(Failure::Input)?,
+        None => Trainer::new(points, config)?,
+    };
+    let mut progress = Progress::new(trainer.total_steps(), trainer.steps_done(), plan.quiet);
+    if let Some(path) = &plan.resume {
+        progress.note(&format!("going on after step {} of {}", trainer.steps_done(), path.display()));
+    }
+    if let Some(interrupt) = interrupt {
+        interrupt.begin();
+    }
+    let mut saved = Instant::now();
+    let mut last = None;
+    let mut timed_out = false;
+    while !trainer.is_done() {
+        let report = trainer.step()?;
+        // Not every step trains the parameterization; showing those without its loss would flicker.
+        if report.para > 0.0 || last.is_none_or(|l: StepReport| l.para == 0.0) {
+            last = Some(report);
+        }
+        progress.step(trainer.steps_done(), last.as_ref().unwrap_or(&report), report.recoveries);
+        if interrupt.is_some_and(Interrupt::asked) {
+            break;
+        }
+        if plan.time_limit.is_some_and(|limit| began.elapsed() >= limit) && !trainer.is_done() {
+            timed_out = true;
+            break;
+        }
+        if let Some((path, every)) = &plan.checkpoint
+            && saved.elapsed() >= *every
+        {
+            trainer.save_checkpoint(path).map_err(Failure::Output)?;
+            saved = Instant::now();
+        }
+    }
+    progress.finish();
+    if interrupt.is_some_and(Interrupt::end) && !trainer.is_done() {
+        return Err(interrupted(&trainer, plan)?);
+    }
+    let (steps, total) = (trainer.steps_done(), trainer.total_steps());
+    if let Some((path, _)) = &plan.checkpoint {
+        trainer.save_checkpoint(path).map_err(Failure::Output)?;
+    }
+    let field = trainer.finish();
+    Ok(Trained { field, steps, total, last, timed_out, seconds: began.elapsed().as_secs_f64() })
+}
+
+fn interrupted(trainer: &Trainer, plan: &Plan) -> Result<Failure, Failure> {
+    let at = format!("after step {} of {}", trainer.steps_done(), trainer.total_steps());
+    let path: Option<&Path> =
+        plan.checkpoint.as_ref().map(|(p, _)| p.as_path()).or(plan.on_interrupt.as_deref());
+    Ok(Failure::Interrupted(match path {
+        Some(path) => {
+            trainer.save_checkpoint(path).map_err(Failure::Output)?;
+            format!("{at}; go on with the same command and --resume {}", path.display())
+        }
+        None => format!("{at}; nothing was kept, as --checkpoint gives no file"),
+    }))
+}

@@ -1,0 +1,353 @@
+//! The built program: exit codes, messages, pipes, checkpoints. Every test makes its own small files.
+#![cfg(feature = "cli")]
+
+use std::fs;
+use std::io::{Read, Write};
+use std::path::Path;
+use std::process::Command;
+
+use bijective_sdf::geometry::Shape;
+use bijective_sdf::io::{read_mesh, read_mesh_bytes};
+
+mod common;
+use common::json::Json;
+use common::{Dir, TINY, code, err, fails, out, piped, program, run, tiny};
+
+#[test]
+fn bad_inputs_are_refused_with_a_reason_and_nothing_is_written() {
+    let dir = Dir::new("bad");
+    let good = fs::read(dir.cloud()).unwrap();
+    let cases: [(&str, &[u8], &str); 9] = [
+        ("empty.ply", b"", "empty"),
+        ("empty.xyz", b"", "empty"),
+        ("truncated.ply", &good[..good.len() - 5], ""),
+        ("unknown.dat", b"\x00\x01\x02\x03\x04\x05\x06\x07", "format is unknown"),
+        ("word.xyz", b"0 0 0\n1 zero 0\n", ":2:"),
+        ("nan.xyz", b"0 0 0\n1 nan 0\n0 1 0\n0 0 1\n", "not a finite"),
+        ("huge.xyz", b"0 0 0\n1 1e60 0\n0 1 0\n0 0 1\n", "not a finite"),
+        ("flat.xyz", b"0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 4 0\n", "in one plane"),
+        ("three.xyz", b"0 0 0\n1 0 0\n0 1 0\n", "at least 4 distinct points"),
+    ];
+    for (name, bytes, part) in cases {
+        let input = dir.text(name, bytes);
+        fails(&mut tiny(&input, &dir.path("mesh.ply")), 3, &[name, part]);
+    }
+    fails(&mut tiny(&dir.path("none.ply"), &dir.path("mesh.ply")), 3, &["none.ply", "cannot read"]);
+    assert!(dir.names().iter().all(|n| !n.contains("mesh")), "{:?}", dir.names());
+}
+
+#[test]
+fn wrong_usage_is_told_before_any_work() {
+    let dir = Dir::new("usage");
+    let (cloud, mesh) = (dir.cloud(), dir.path("mesh.ply"));
+    fails(tiny(&cloud, &mesh).args(["--set", "field.widht=3"]), 2, &["field.widht", "did you mean"]);
+    fails(tiny(&cloud, &mesh).args(["--set", "field.width"]), 2, &["key=value"]);
+    fails(tiny(&cloud, &mesh).args(["--set", "field.width=0"]), 2, &["field.width"]);
+    fails(&mut tiny(&cloud, &dir.path("mesh.las")), 2, &["ply, obj, stl"]);
+    fails(&mut tiny(&cloud, &dir.path("mesh.xyz")), 2, &["ply, obj, stl"]);
+    fails(tiny(&cloud, Path::new("-")).arg("--json"), 2, &["--json"]);
+    fails(tiny(&cloud, &mesh).arg("--preview").arg(&mesh), 2, &["both"]);
+    fails(&mut tiny(&cloud, &dir.path("none/mesh.ply")), 1, &["does not exist"]);
+    fails(&mut tiny(&cloud, &dir.0), 1, &["is a directory"]);
+    fails(program().arg("evaluate").args([&mesh, &mesh, &mesh]), 2, &["pairs"]);
+    for args in
+        [&["nothing"][..], &["reconstruct"], &["presets", "--threads", "0"], &["demo", "--preset", "best"]]
+    {
+        assert!(run(program().args(args), 2).stdout.is_empty());
+    }
+    assert!(out(&run(program().arg("--help"), 0)).contains("Exit codes"));
+    assert!(out(&run(program().arg("--version"), 0)).contains(env!("CARGO_PKG_VERSION")));
+    assert_eq!(dir.names(), ["cloud.ply"]);
+}
+
+#[test]
+fn configuration_files_hold_tables_or_dotted_keys_and_nothing_unknown() {
+    let dir = Dir::new("config");
+    let presets = out(&run(program().arg("presets"), 0));
+    assert_eq!(presets.lines().count(), 4);
+    for preset in ["paper", "fast", "default", "fine"] {
+        assert!(presets.contains(preset));
+        let text = out(&run(program().args(["config", "--preset", preset]), 0));
+        let file = dir.text("whole.toml", &text);
+        let again = out(&run(program().arg("config").arg("--config").arg(&file), 0));
+        let body = |t: &str| t.lines().skip(1).map(String::from).collect::<Vec<_>>();
+        assert_eq!(body(&again), body(&text));
+    }
+    let file =
+        dir.text("part.toml", "preset = \"fast\"\nseed = 7\n[field]\nwidth = 24\n[weights]\npara = 2.5\n");
+    let text = out(&run(program().args(["config", "--set", "field.depth=3", "--config"]).arg(&file), 0));
+    for line in ["# Preset `fast`", "seed = 7", "field.width = 24", "field.depth = 3", "weights.para = 2.5"] {
+        assert!(text.contains(line), "{line} is not in {text}");
+    }
+    let text = out(&run(program().args(["config", "--seed", "9", "--config"]).arg(&file), 0));
+    assert!(text.contains("seed = 9"));
+
+    for (content, parts) in [
+        ("[field]\nwide = 3\n", &["bad.toml", "field.wide"][..]),
+        ("seed = \"x\"\n", &["bad.toml", "seed"]),
+        ("seed = 1\nfield.width = = 3\n", &["bad.toml:2", "not TOML"]),
+        ("preset = \"best\"\n", &["bad.toml", "choose one of"]),
+        ("seed = 2020-01-01\n", &["seed"]),
+    ] {
+        let file = dir.text("bad.toml", content);
+        fails(program().args(["config", "--config"]).arg(&file), 2, parts);
+    }
+    fails(program().args(["config", "--config"]).arg(dir.path("none.toml")), 3, &["none.toml"]);
+}
+
+#[test]
+fn a_run_reports_in_json_and_is_the_same_for_any_number_of_threads() {
+    let dir = Dir::new("json");
+    let cloud = dir.cloud();
+    let one = dir.path("one.ply");
+    let mut command = tiny(&cloud, &one);
+    command.args(["--json", "--quiet", "--threads", "1", "--seed", "3"]);
+    command.arg("--preview").arg(dir.path("one.png")).args(["--up", "z", "--view", "-20,10"]);
+    command.arg("--surface-points").arg(dir.path("s.xyz"));
+    let output = run(&mut command, 0);
+    assert!(output.stderr.is_empty(), "{}", err(&output));
+    let text = out(&output);
+    assert_eq!(text.lines().count(), 1);
+    let json = Json::parse(&text);
+    assert_eq!(json.at("points").number(), 60.0);
+    assert_eq!(json.at("duplicates").number(), 0.0);
+    assert_eq!(json.at("seed").number(), 3.0);
+    assert_eq!(json.at("steps").number(), 20.0);
+    assert_eq!(json.at("total_steps").number(), 20.0);
+    assert_eq!(json.at("ended").text(), "done");
+    assert_eq!(json.at("output").text(), one.to_str().unwrap());
+    assert!(json.at("closed_and_oriented").truth());
+    assert!(json.at("losses").at("loss").number() > 0.0);
+    assert!(json.at("seconds").at("total").number() >= json.at("seconds").at("mesh").number());
+    assert_eq!(json.at("field"), &Json::Null);
+    let mesh = read_mesh(&one).unwrap();
+    let topology = mesh.topology();
+    assert!(topology.closed && topology.oriented && topology.volume > 0.2, "{topology}");
+    assert_eq!(json.at("mesh").at("faces").number(), mesh.faces.len() as f64);
+    assert_eq!(json.at("mesh").at("genus").number(), 0.0);
+    assert_eq!(&fs::read(dir.path("one.png")).unwrap()[1..4], b"PNG");
+    assert!(fs::read_to_string(dir.path("s.xyz")).unwrap().lines().count() > 60);
+
+    let two = dir.path("two.ply");
+    let output = run(tiny(&cloud, &two).args(["--threads", "2", "--seed", "3"]), 0);
+    assert!(output.stdout.is_empty());
+    assert!(err(&output).contains("step 20/20") && err(&output).contains("60 points"), "{}", err(&output));
+    assert!(fs::read(&one).unwrap() == fs::read(&two).unwrap(), "the bytes depend on the threads");
+    let three = dir.path("three.ply");
+    run(tiny(&cloud, &three).args(["--seed", "4"]), 0);
+    assert!(fs::read(&one).unwrap() != fs::read(&three).unwrap(), "the seed does nothing");
+}
+
+#[test]
+fn pipes_carry_the_cloud_in_and_the_mesh_out() {
+    let dir = Dir::new("pipes");
+    let cloud = dir.cloud();
+    let file = dir.path("mesh.ply");
+    run(tiny(&cloud, &file).arg("--quiet"), 0);
+    let feed = |command: &mut Command, bytes: &[u8]| {
+        let mut child = piped(command);
+        child.stdin.take().unwrap().write_all(bytes).unwrap();
+        child.wait_with_output().unwrap()
+    };
+    let bytes = fs::read(&cloud).unwrap();
+    let output = feed(tiny(Path::new("-"), Path::new("-")).arg("--quiet"), &bytes);
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(output.stdout == fs::read(&file).unwrap());
+
+    let text: String = Shape::Sphere { radius: 0.5 }
+        .sample(60, 1)
+        .0
+        .iter()
+        .map(|p| format!("{},{},{}\n", p[0], p[1], p[2]))
+        .collect();
+    let mut command = tiny(Path::new("-"), Path::new("-"));
+    command.args(["--format", "csv", "--output-format", "obj"]);
+    let output = feed(&mut command, text.as_bytes());
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert_eq!(read_mesh_bytes(&output.stdout, None).unwrap(), read_mesh(&file).unwrap());
+
+    let output = feed(&mut tiny(Path::new("-"), Path::new("-")), b"");
+    assert_eq!(code(&output), 3);
+    assert!(err(&output).contains("standard input"), "{}", err(&output));
+}
+
+#[test]
+fn a_reader_that_goes_away_is_no_error() {
+    let dir = Dir::new("closed");
+    let mesh = dir.mesh("box.ply", true);
+    let mut command = program();
+    command.arg("sample").arg(&mesh).args(["-o", "-", "--count", "200000", "--output-format", "xyz"]);
+    let mut child = piped(&mut command);
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert_eq!(code(&output), 0, "{}", err(&output));
+    assert!(!err(&output).contains("panic"), "{}", err(&output));
+}
+
+#[test]
+fn a_time_limit_ends_early_with_a_mesh() {
+    let dir = Dir::new("limit");
+    let mesh = dir.path("mesh.stl");
+    let mut command = tiny(&dir.cloud(), &mesh);
+    command.args(["--time-limit", "0", "--json"]);
+    let output = run(&mut command, 0);
+    let json = Json::parse(&out(&output));
+    assert_eq!((json.at("ended").text(), json.at("steps").number()), ("time-limit", 1.0));
+    assert!(err(&output).contains("time limit ended the training after step 1 of 20"), "{}", err(&output));
+    assert!(read_mesh(&mesh).unwrap().topology().closed);
+    fails(tiny(&dir.cloud(), &mesh).arg("--time-limit=-1"), 2, &["seconds"]);
+}
+
+#[test]
+fn sample_info_and_evaluate_fit_together() {
+    let dir = Dir::new("trip");
+    let mesh = dir.mesh("box.ply", true);
+    let cloud = dir.path("points.csv");
+    let mut sample = program();
+    sample
+        .arg("sample")
+        .arg(&mesh)
+        .arg("-o")
+        .arg(&cloud)
+        .args(["-n", "500", "--seed", "2", "--noise", "0.1%"]);
+    run(&mut sample, 0);
+    let first = fs::read(&cloud).unwrap();
+    run(&mut sample, 0);
+    assert!(first == fs::read(&cloud).unwrap());
+
+    let json = Json::parse(&out(&run(program().arg("info").arg(&cloud).arg("--json"), 0)));
+    assert_eq!((json.at("kind").text(), json.at("points").number()), ("cloud", 500.0));
+    assert!(json.at("usable").truth() && json.at("duplicates").number() == 0.0);
+    let spacing = json.at("spacing").at("median").number();
+    assert!((0.01..0.1).contains(&spacing), "{spacing}");
+    assert!(out(&run(program().arg("info").arg(&cloud), 0)).contains("points      500"));
+
+    let json = Json::parse(&out(&run(program().arg("info").arg(&mesh).args(["--json", "--check"]), 0)));
+    assert_eq!((json.at("kind").text(), json.at("mesh").at("faces").number()), ("mesh", 12.0));
+    assert_eq!(json.at("mesh").at("volume").number(), 1.0);
+    let open = dir.mesh("open.obj", false);
+    let output = run(program().arg("info").arg(&open).arg("--check"), 4);
+    assert!(err(&output).contains("3 boundary edges") && out(&output).contains("faces       11"));
+
+    let evaluate = |args: &[&str], files: &[&Path]| {
+        let mut command = program();
+        command.arg("evaluate").args(["--samples", "5000"]).args(args).args(files);
+        out(&run(&mut command, 0))
+    };
+    let json = Json::parse(&evaluate(&["--json", "--ntps", "--surface"], &[&mesh, &mesh]));
+    let report = json.at("report");
+    let of = |part: &str, key: &str| report.at(part).at(key).number();
+    assert!((of("metrics", "cd_l1") / of("floor", "cd_l1") - 1.0).abs() < 0.05);
+    assert!(of("surface", "hd") < 1e-5 && of("metrics", "nc") > 0.95 && of("metrics", "nc_ntps") > 0.95);
+    assert_eq!(
+        evaluate(&["--threads", "1"], &[&mesh, &mesh]),
+        evaluate(&["--threads", "2"], &[&mesh, &mesh])
+    );
+    assert!(evaluate(&[], &[&mesh, &mesh]).contains("floor"));
+    let csv = evaluate(&["--csv"], &[&mesh, &open, &cloud, &mesh]);
+    assert_eq!(csv.lines().count(), 3);
+    assert!(evaluate(&["--markdown"], &[&mesh, &open, &mesh, &mesh]).starts_with("| shape"));
+    fails(program().arg("evaluate").args([&mesh, &cloud]), 3, &["points.csv", "without faces"]);
+    fails(program().arg("evaluate").args([&mesh, &mesh]).args(["--tau", "0"]), 2, &["tau"]);
+}
+
+#[test]
+fn a_saved_field_gives_distances_and_the_same_mesh() {
+    let dir = Dir::new("field");
+    let (mesh, field) = (dir.path("mesh.ply"), dir.path("ball.field"));
+    run(tiny(&dir.cloud(), &mesh).arg("--save-field").arg(&field), 0);
+    let points = dir.text("p.xyz", "0 0 0\n0.8 0 0\n");
+    let text = out(&run(program().arg("sdf").args([&field, &points]).arg("--gradient"), 0));
+    let rows: Vec<Vec<f64>> =
+        text.lines().map(|l| l.split(' ').map(|x| x.parse().unwrap()).collect()).collect();
+    assert_eq!((rows.len(), rows[0].len()), (2, 4));
+    assert!(rows[0][0] < 0.0 && rows[1][0] > 0.0 && rows[1][1] > 0.0, "{text}");
+    let again = dir.path("again.ply");
+    run(program().arg("mesh").arg(&field).arg("-o").arg(&again).args(["--resolution", "20"]), 0);
+    assert!(fs::read(&mesh).unwrap() == fs::read(&again).unwrap());
+    fails(program().arg("sdf").args([&points, &points]), 3, &["p.xyz"]);
+}
+
+#[test]
+fn checkpoints_of_another_run_are_refused() {
+    let dir = Dir::new("other");
+    let (cloud, mesh, saved) = (dir.cloud(), dir.path("mesh.ply"), dir.path("a.checkpoint"));
+    run(tiny(&cloud, &mesh).arg("--checkpoint").arg(&saved), 0);
+    let first = fs::read(&mesh).unwrap();
+    run(tiny(&cloud, &mesh).arg("--resume").arg(&saved), 0);
+    assert!(first == fs::read(&mesh).unwrap());
+    fs::remove_file(&mesh).unwrap();
+    let other = ["--set", "field.width=20", "--resume"];
+    fails(tiny(&cloud, &mesh).args(other).arg(&saved), 3, &["a.checkpoint"]);
+    let few = dir.text("few.xyz", "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 1 1\n");
+    fails(tiny(&few, &mesh).arg("--resume").arg(&saved), 3, &["a.checkpoint"]);
+    let bytes = fs::read(&saved).unwrap();
+    let damaged = dir.text("damaged", &bytes[..bytes.len() - 9]);
+    fails(tiny(&cloud, &mesh).arg("--resume").arg(&damaged), 3, &["damaged"]);
+    fails(tiny(&cloud, &mesh).arg("--resume").arg(dir.path("none")), 3, &["none"]);
+    assert!(!mesh.exists());
+}
+
+#[cfg(unix)]
+#[test]
+fn ctrl_c_writes_a_checkpoint_and_resuming_ends_in_the_same_bytes() {
+    let dir = Dir::new("interrupt");
+    let cloud = dir.cloud();
+    let long = ["--set", "stages=12:250,16:50"];
+    let straight = dir.path("straight.ply");
+    run(tiny(&cloud, &straight).args(long), 0);
+
+    let mesh = dir.path("mesh.ply");
+    let mut child = piped(tiny(&cloud, &mesh).args(long));
+    let mut stderr = child.stderr.take().unwrap();
+    let mut text = String::new();
+    while !text.contains("step ") {
+        let mut byte = [0];
+        assert_eq!(stderr.read(&mut byte).unwrap(), 1, "no step was reported: {text}");
+        text.push(char::from(byte[0]));
+    }
+    let sent = Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap();
+    assert!(sent.success());
+    stderr.read_to_string(&mut text).unwrap();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{text}");
+    assert!(text.contains("--resume") && text.contains("interrupted: "), "{text}");
+    assert_eq!(dir.names(), ["cloud.ply", "mesh.ply.checkpoint", "straight.ply"]);
+
+    let saved = dir.path("mesh.ply.checkpoint");
+    let output = run(tiny(&cloud, &mesh).args(long).arg("--resume").arg(&saved), 0);
+    assert!(err(&output).contains("going on after step"), "{}", err(&output));
+    assert!(fs::read(&straight).unwrap() == fs::read(&mesh).unwrap());
+}
+
+#[test]
+fn the_demo_writes_its_files_and_numbers() {
+    let dir = Dir::new("demo");
+    let demo = dir.path("demo");
+    let mut command = program();
+    command.args([
+        "demo",
+        "--shape",
+        "sphere",
+        "-n",
+        "60",
+        "--noise",
+        "0.001",
+        "--resolution",
+        "20",
+        "--json",
+    ]);
+    TINY.iter().for_each(|option| {
+        command.args(["--set", option]);
+    });
+    // A start near the truth: points far from a surface are slow to measure.
+    command.args(["--set", "start.shape=gauss", "--set", "start.steps=60"]);
+    let output = run(command.arg("--out").arg(&demo), 0);
+    let json = Json::parse(&out(&output));
+    assert_eq!(json.at("points").number(), 60.0);
+    let part = |name: &str| json.at("evaluation").at(name).at("cd_l1").number();
+    assert!(part("metrics") > part("floor") && part("floor") > 0.0);
+    for file in ["cloud", "output", "truth", "preview"] {
+        assert!(Path::new(json.at(file).text()).starts_with(&demo));
+        assert!(fs::metadata(json.at(file).text()).unwrap().len() > 500);
+    }
+}
