@@ -3,9 +3,11 @@
 mod common;
 
 use bijective_sdf::autodiff::Tape;
-use bijective_sdf::bsp::{Bsp, BspConfig};
-use bijective_sdf::gdo::{Activation, Deformation, Field, FieldConfig, FieldPass, deform};
-use bijective_sdf::loss::{Direction, surface_term};
+use bijective_sdf::bsp::{Bsp, BspConfig, Neighbourhood};
+use bijective_sdf::gdo::{
+    Activation, Deformation, Field, FieldConfig, FieldPass, FieldValues, FieldVars, deform,
+};
+use bijective_sdf::loss::{Direction, mean_abs};
 use bijective_sdf::optim::{Adam, AdamOptions};
 use bijective_sdf::tensor::Tensor;
 use common::{normal, rng, sphere};
@@ -30,19 +32,21 @@ fn field(c: &mut Criterion) {
         c.bench_function(&format!("field {width}x{depth} @ {v}"), |bench| {
             bench.iter(|| {
                 tape.clear();
-                let (sdf, gradient) = pass.forward(&field, &verts, tape.pool());
-                let (sdf, gradient) = (tape.input(sdf), tape.input(gradient));
+                let values = pass.forward(&field, &verts, tape.pool());
+                let (sdf, gradient) = (tape.input(values.sdf), tape.input(values.gradient));
                 let positions = tape.constant(Tensor::from_points(&verts));
-                let moved = deform(&mut tape, Deformation::Projection, positions, sdf, gradient);
+                let vars = FieldVars { sdf, gradient, offset: None };
+                let moved = deform(&mut tape, Deformation::Projection, positions, &vars);
                 let moved_sq = tape.square(moved);
                 let length_sq = tape.sum_cols(moved_sq);
                 let length_sq = tape.mean(length_sq);
-                let magnitude = surface_term(&mut tape, sdf);
+                let magnitude = mean_abs(&mut tape, sdf);
                 let magnitude = tape.scale(magnitude, 0.01);
                 let loss = tape.add(length_sq, magnitude);
-                let gradients = tape.backward(loss);
-                let at = |var| gradients.get(var).expect("the loss depends on it");
-                let of_weights = pass.backward(at(sdf), at(gradient));
+                let mut gradients = tape.backward(loss);
+                let mut at = |var| gradients.take(var).expect("the loss depends on it");
+                let of_values = FieldValues { sdf: at(sdf), gradient: at(gradient), offset: None };
+                let of_weights = pass.backward(&field, &of_values);
                 pass.release();
                 of_weights
             });
@@ -68,6 +72,7 @@ fn bsp(c: &mut Criterion) {
         };
         let points = sphere(n, 0.5, 0.0, 1);
         let bsp = Bsp::new(config, &points, &mut rng(2));
+        let whole = Neighbourhood::whole(&points, &config);
         let cloud = Arc::new(Tensor::from_points(&points));
         let mut tape = Tape::new();
         c.bench_function(&format!("bsp {n}x10{kind}"), |bench| {
@@ -75,7 +80,7 @@ fn bsp(c: &mut Criterion) {
                 tape.clear();
                 let p = bsp.params().bind(&mut tape, true);
                 let q = tape.shared(cloud.clone(), false);
-                let out = bsp.forward(&mut tape, &p, q);
+                let out = bsp.forward(&mut tape, &p, q, &whole);
                 let loss = tape.chamfer(out.surface, q, Direction::BOTH);
                 p.collect(&mut tape.backward(loss))
             });
