@@ -35,7 +35,7 @@ impl Progress {
         } else if io::stderr().is_terminal() {
             let bar =
                 ProgressBar::with_draw_target(Some(total as u64), ProgressDrawTarget::stderr_with_hz(8));
-            let style = ProgressStyle::with_template("{bar:24} {pos}/{len}  {msg}")
+            let style = ProgressStyle::with_template("{bar:20} {pos}/{len}  {wide_msg}")
                 .expect("a valid template")
                 .progress_chars("=> ");
             bar.set_style(style);
@@ -47,10 +47,10 @@ impl Progress {
         Progress { shown, began: Instant::now(), before, total, recoveries: 0 }
     }
 
-    /// Shows a step, after which `done` steps of the whole training are made.
-    pub fn step(&mut self, done: usize, report: &StepReport) {
-        if report.recoveries > self.recoveries {
-            self.recoveries = report.recoveries;
+    /// Shows the losses of a step, after `done` steps of the whole training and so many returns to an earlier state.
+    pub fn step(&mut self, done: usize, report: &StepReport, recoveries: usize) {
+        if recoveries > self.recoveries {
+            self.recoveries = recoveries;
             self.note("training went wrong and goes on from an earlier state with smaller steps");
         }
         let text = self.describe(done, report);
@@ -90,13 +90,14 @@ impl Progress {
         let made = done.saturating_sub(self.before).max(1) as f64;
         let left = self.began.elapsed().as_secs_f64() / made * self.total.saturating_sub(done) as f64;
         format!(
-            "grid {}  loss {:.2e}  para {:.2e}  deform {:.2e}  surf {:.2e}  {} left",
-            r.resolution,
+            // On a narrow terminal the end is cut off.
+            "{} left  loss {:.2e}  para {:.2e}  deform {:.2e}  surf {:.2e}  grid {}",
+            duration(left),
             r.loss,
             r.para,
             r.deform,
             r.surf,
-            duration(left)
+            r.resolution
         )
     }
 }

@@ -31,7 +31,7 @@ pub struct Trained {
     pub steps: usize,
     /// Steps planned.
     pub total: usize,
-    /// The last step of this run.
+    /// The last step of this run that had all losses.
     pub last: Option<StepReport>,
     /// Whether the time limit ended the training.
     pub timed_out: bool,
@@ -63,8 +63,11 @@ pub fn train(
     let mut timed_out = false;
     while !trainer.is_done() {
         let report = trainer.step()?;
-        progress.step(trainer.steps_done(), &report);
-        last = Some(report);
+        // Not every step trains the parameterization; showing those without its loss would flicker.
+        if report.para > 0.0 || last.is_none_or(|l: StepReport| l.para == 0.0) {
+            last = Some(report);
+        }
+        progress.step(trainer.steps_done(), last.as_ref().unwrap_or(&report), report.recoveries);
         if interrupt.is_some_and(Interrupt::asked) {
             break;
         }
