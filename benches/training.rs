@@ -8,6 +8,12 @@ use criterion::{Criterion, criterion_group, criterion_main};
 
 const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
 
+/// Shortens what comes before the first step; it is not what is measured.
+fn hurry(config: &mut Config) {
+    config.start.steps = config.start.steps.min(100);
+    config.bsp_pretrain = config.bsp_pretrain.min(10);
+}
+
 /// A step in the last stage of a preset; every few steps it searches for the active cubes, as in a run.
 fn steps(c: &mut Criterion) {
     let (points, _) = TORUS.sample(300, 1);
@@ -16,6 +22,7 @@ fn steps(c: &mut Criterion) {
         let resolution = config.stages.last().expect("a stage").resolution;
         // More steps than the benchmark can make.
         config.stages = vec![Stage { resolution, steps: 1_000_000 }];
+        hurry(&mut config);
         let mut trainer = Trainer::new(&points, &config).expect("a torus");
         c.bench_function(&format!("step {preset}"), |bench| {
             bench.iter(|| trainer.step().expect("a torus stays"));
@@ -27,6 +34,7 @@ fn mesh(c: &mut Criterion) {
     let (points, _) = TORUS.sample(300, 1);
     let mut config = Config::preset(Preset::Fast);
     config.stages.iter_mut().for_each(|s| s.steps = 20);
+    hurry(&mut config);
     let mut trainer = Trainer::new(&points, &config).expect("a torus");
     while !trainer.is_done() {
         trainer.step().expect("a torus stays");
