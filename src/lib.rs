@@ -1,5 +1,60 @@
-//! Signed distance fields and closed triangle meshes from sparse, unoriented point clouds.
-#![allow(missing_docs)]
+//! Signed distance fields and closed triangle meshes from sparse, unoriented point clouds, on the CPU, in pure Rust.
+//!
+//! A few hundred points on a surface, without normals, become a continuous signed distance field and a watertight
+//! mesh. The method is bijective surface parameterization with grid deformation optimization (CVPR 2025): a map to the
+//! unit sphere and back makes a denser surface S of the points, and a small network g learns the field by moving the
+//! vertices of a tetrahedral grid onto S. Everything is trained for the one cloud at hand; there is no training data.
+//!
+//! ```
+//! use bijective_sdf::{Config, Preset, reconstruct};
+//! use bijective_sdf::geometry::Shape;
+//! use std::ops::ControlFlow;
+//!
+//! // 150 points on a sphere of radius 2; `io::read_cloud` reads them from a file.
+//! let (points, _) = Shape::Sphere { radius: 2.0 }.sample(150, 1);
+//! let mut config = Config::preset(Preset::Fast);
+//! config.set("stages", "16:40")?; // 40 steps on a grid of 16 cubes: much less than usual
+//! config.set("start.steps", "100")?;
+//!
+//! let result = reconstruct(&points, &config, &mut |event| {
+//!     let _ = event; // progress; ControlFlow::Break(()) stops the run
+//!     ControlFlow::Continue(())
+//! })?;
+//!
+//! let sdf = result.sdf(&[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
+//! assert!(sdf[0] < 0.0 && sdf[1] > 0.0);
+//! let mesh = result.mesh(32)?;
+//! let topology = mesh.topology();
+//! assert!(topology.closed && topology.genus == Some(0));
+//! # Ok::<(), bijective_sdf::Error>(())
+//! ```
+//!
+//! # Conventions
+//!
+//! - **Frame.** Points go in and meshes and distances come out in the input's frame and unit. All work in between
+//!   happens in the *working frame*, where the cloud's bounding box is centred at the origin and its longest side is 1
+//!   ([`geometry::Normalizer`]). Lengths in [`Config`] are in the working frame.
+//! - **Sign.** The field is negative inside.
+//! - **Winding.** Faces run counter-clockwise seen from outside, so a closed mesh has a positive volume.
+//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes, k neighbours, c channels, h heads,
+//!   v vertices, e edges, t tetrahedra, f faces; b centres of a block, i points of S. Tensors are row-major.
+//! - **Randomness.** The seed is part of the options. The same input, seed and options give the same bytes for any
+//!   number of threads on one machine.
+//! - **Errors.** Wrong data gives an [`Error`] with where and what to do; wrong shapes are bugs and panic, naming both.
+//!
+//! # Modules
+//!
+//! Arrows point down: a module uses those after it.
+//!
+//! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
+//! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).
+//! - [`gdo`]: the field g and its spatial gradient, the move of grid vertices, and the differentiable surface.
+//! - [`loss`]: Chamfer distances and the other terms.
+//! - [`nn`], [`optim`]: layers with parameters; Adam and schedules.
+//! - [`ops`], [`autodiff`], [`tensor`]: operations with their gradients, the tape, and dense `f32` arrays.
+//! - [`geometry`]: clouds, neighbours, the tetrahedral grid, marching, meshes and what they are like.
+//! - [`io`]: readers and writers. [`evaluate`]: metrics against a ground truth.
+#![deny(missing_docs)]
 #![deny(unsafe_code)]
 
 mod atomic;
@@ -18,4 +73,4 @@ pub mod reconstruct;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};
-pub use reconstruct::{Config, Preset, Reconstruction, Trainer, reconstruct};
+pub use reconstruct::{Config, Event, Preset, Reconstruction, Trainer, reconstruct};

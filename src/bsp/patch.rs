@@ -34,18 +34,25 @@ impl PatchSampler {
     /// Gradient: to u, through the centre of the patch; which codes are nearest is constant. A code that is not finite
     /// gives a patch that is not.
     pub fn forward(&self, tape: &mut Tape, u: Var) -> Var {
-        let centres = tape.value(u).to_points();
-        // The search refuses what is not finite; the steps below carry it on, to where the loss is checked.
+        let steps = self.steps(&tape.value(u).to_points());
+        self.place(tape, u, &steps)
+    }
+
+    /// c - stop(u) for the patch of every centre u: what leads from the centre to its codes, (n M) x 3.
+    pub(super) fn steps(&self, centres: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        // The search refuses what is not finite; the steps carry it on, to where the loss is checked.
         let finite = |u: &[f32; 3]| if u.iter().all(|x| x.is_finite()) { *u } else { [0.0, 0.0, 1.0] };
         let places: Vec<[f32; 3]> = centres.iter().map(finite).collect();
-        let chosen = self.tree.k_nearest(&places, self.patch);
-        // c - stop(u): what leads from the centre to the code.
         let step = |(i, &c): (usize, &u32)| {
             let (c, u) = (self.sphere[c as usize], centres[i / self.patch]);
             [c[0] - u[0], c[1] - u[1], c[2] - u[2]]
         };
-        let steps: Vec<[f32; 3]> = chosen.iter().enumerate().map(step).collect();
-        let steps = tape.constant(Tensor::from_points(&steps));
+        self.tree.k_nearest(&places, self.patch).iter().enumerate().map(step).collect()
+    }
+
+    /// The centres u (n x 3) moved along constant steps ((n M) x 3) and back onto the sphere.
+    pub(super) fn place(&self, tape: &mut Tape, u: Var, steps: &[[f32; 3]]) -> Var {
+        let steps = tape.constant(Tensor::from_points(steps));
         let centre = tape.repeat_rows(u, self.patch);
         let moved = tape.add(centre, steps);
         tape.normalize_rows(moved)

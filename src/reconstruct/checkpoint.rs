@@ -225,3 +225,124 @@ fn read_params(store: &Store, prefix: &str, params: &mut Params) {
         *params.value_mut(id) = store.tensors[&name].clone();
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ball, bits, poison, run, tiny};
+    use super::*;
+    use crate::bsp::Parameterization;
+    use crate::gdo::Deformation;
+    use crate::reconstruct::Batch;
+    use std::path::PathBuf;
+
+    fn file(name: &str) -> PathBuf {
+        std::env::temp_dir().join(format!("bijective-sdf-{name}-{}.safetensors", std::process::id()))
+    }
+
+    #[test]
+    fn a_resumed_run_ends_in_the_same_bytes() {
+        let points = ball(70);
+        let path = file("resume");
+        let mut blocks = tiny();
+        blocks.batch = Batch { points: 40, centres: 30 };
+        blocks.surface_samples = 50;
+        let sparse = Config { parameterization: Parameterization::None, ..tiny() };
+        for config in [tiny(), blocks, sparse] {
+            let straight = bits(&run(&points, &config));
+            for stop in [0, 1, 4, 7, 12] {
+                let mut trainer = Trainer::new(&points, &config).unwrap();
+                for _ in 0..stop {
+                    trainer.step().unwrap();
+                }
+                trainer.save_checkpoint(&path).unwrap();
+                drop(trainer);
+                let mut resumed = Trainer::resume(&path, &points, &config).unwrap();
+                assert_eq!(resumed.steps_done(), stop);
+                // Saving at once gives the same file.
+                let before = std::fs::read(&path).unwrap();
+                resumed.save_checkpoint(&path).unwrap();
+                assert!(before == std::fs::read(&path).unwrap());
+                while !resumed.is_done() {
+                    resumed.step().unwrap();
+                }
+                assert!(bits(&resumed.finish()) == straight, "stopped at step {stop}");
+            }
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_recovery_after_resuming_is_the_one_that_would_have_been() {
+        let points = ball(60);
+        let path = file("recovery");
+        let finish = |mut trainer: Trainer| {
+            poison(&mut trainer, false, f32::NAN);
+            while !trainer.is_done() {
+                trainer.step().unwrap();
+            }
+            assert_eq!(trainer.recoveries, 2);
+            bits(&trainer.finish())
+        };
+        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
+        for _ in 0..3 {
+            trainer.step().unwrap();
+        }
+        poison(&mut trainer, true, f32::NAN);
+        for _ in 0..4 {
+            trainer.step().unwrap();
+        }
+        trainer.save_checkpoint(&path).unwrap();
+        let resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
+        assert!(finish(trainer) == finish(resumed));
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn other_clouds_options_and_damaged_files_are_refused() {
+        let points = ball(50);
+        let path = file("damage");
+        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
+        trainer.step().unwrap();
+        trainer.save_checkpoint(&path).unwrap();
+
+        let mut other = tiny();
+        other.weights.points = 0.5;
+        let error = Trainer::resume(&path, &points, &other).err().unwrap();
+        assert_eq!((error.kind(), error.element()), (ErrorKind::Checkpoint, Some("option weights.points")));
+        assert_eq!(error.file(), Some(path.as_path()));
+        let error = Trainer::resume(&path, &ball(51), &tiny()).err().unwrap();
+        assert!(error.kind() == ErrorKind::Checkpoint && error.message().contains("another cloud"));
+        let error = Reconstruction::load(&path).err().unwrap();
+        assert_eq!(error.kind(), ErrorKind::Checkpoint);
+        let error = Trainer::resume(file("nothing"), &points, &tiny()).err().unwrap();
+        assert_eq!(error.kind(), ErrorKind::Io);
+
+        let good = std::fs::read(&path).unwrap();
+        for i in (0..good.len()).step_by(good.len() / 40) {
+            let mut bad = good.clone();
+            bad[i] ^= 0x11;
+            std::fs::write(&path, &bad).unwrap();
+            let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
+            assert_eq!(error.kind(), ErrorKind::Checkpoint, "byte {i}: {error}");
+            std::fs::write(&path, &good[..i]).unwrap();
+            let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
+            assert_eq!(error.kind(), ErrorKind::Checkpoint, "cut at {i}: {error}");
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_loaded_result_is_the_one_that_was_saved() {
+        let path = file("result");
+        for deformation in [Deformation::Projection, Deformation::Offset] {
+            let result = run(&ball(50), &Config { deformation, ..tiny() });
+            result.save(&path).unwrap();
+            let loaded = Reconstruction::load(&path).unwrap();
+            assert!(bits(&loaded) == bits(&result));
+            assert_eq!((loaded.cloud(), loaded.config()), (result.cloud(), result.config()));
+            let error = Trainer::resume(&path, &ball(50), &tiny()).err().unwrap();
+            assert_eq!(error.kind(), ErrorKind::Checkpoint);
+        }
+        std::fs::remove_file(path).unwrap();
+    }
+}

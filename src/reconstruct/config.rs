@@ -199,7 +199,12 @@ impl Config {
         within("bsp.channels", b.channels, 2, 1024)?;
         within("bsp.heads", b.heads, 1, b.channels)?;
         let advice = "use an even number that is a multiple of bsp.heads";
-        check("bsp.channels", b.channels % b.heads == 0 && b.channels % 2 == 0, b.channels, advice)?;
+        check(
+            "bsp.channels",
+            b.channels.is_multiple_of(b.heads) && b.channels.is_multiple_of(2),
+            b.channels,
+            advice,
+        )?;
         within("bsp.neighbours", b.neighbours, 1, 256)?;
         within("bsp.patch", b.patch, 1, 256)?;
         within("bsp.reach", b.reach, 0, 4096)?;
@@ -281,7 +286,7 @@ fn positive(key: &str, value: f32, most: f32) -> Result<(), Error> {
 }
 
 fn not_negative(key: &str, value: f64) -> Result<(), Error> {
-    check(key, value >= 0.0 && value <= 1e9, value, "use a number from 0 to 1e9")
+    check(key, (0.0..=1e9).contains(&value), value, "use a number from 0 to 1e9")
 }
 
 fn check_rate(key: &str, rate: &Schedule) -> Result<(), Error> {

@@ -1,12 +1,12 @@
 //! One iteration of training, from the band to the updated parameters.
 
+use super::band::Workspace;
 use super::objective::{Scene, Terms, add_terms};
 use super::{Config, Trainer};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{FieldPass, FieldValues, FieldVars, deform, sample_faces};
-use crate::geometry::{BandTopology, Isosurface, TetGrid, active_set};
+use crate::gdo::{FieldValues, FieldVars, deform, sample_faces};
 use crate::loss::Direction;
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
@@ -57,35 +57,6 @@ pub struct StepReport {
     pub recoveries: usize,
     /// Time the step took, in seconds; nothing depends on it.
     pub seconds: f64,
-}
-
-/// What steps work with and nothing outlives them for.
-#[derive(Default)]
-pub(super) struct Workspace {
-    pub tape: Tape,
-    pub pass: FieldPass,
-    band: Option<Band>,
-    pub iso: Isosurface,
-}
-
-impl Workspace {
-    /// Forgets the band and what the last step left.
-    pub fn reset(&mut self) {
-        self.tape.clear();
-        self.pass.release();
-        self.band = None;
-    }
-}
-
-/// The active part of the grid.
-struct Band {
-    resolution: usize,
-    verts: Vec<[f32; 3]>,
-    /// Active vertices on the border of the grid, where the field counts as outside, so that the surface is closed.
-    border: Vec<u32>,
-    /// What the field is raised to there.
-    outside: f32,
-    topology: BandTopology,
 }
 
 /// What of the cloud a step sees.
@@ -157,60 +128,6 @@ impl Trainer {
         Ok(report)
     }
 
-    /// The grid resolution of a step.
-    fn resolution_at(&self, step: usize) -> usize {
-        let mut end = 0;
-        let stages = &self.config.stages;
-        let in_stage = |s: &&super::Stage| {
-            end += s.steps;
-            step < end
-        };
-        stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution)
-    }
-
-    /// Searches for the surface on the grid, if it is time to. Returns whether it was.
-    fn refresh_band(&mut self) -> Result<bool, Error> {
-        let resolution = self.resolution_at(self.step);
-        let fresh = self.work.band.as_ref().is_some_and(|b| b.resolution == resolution);
-        if fresh && self.step % self.config.band.refresh != 0 {
-            return Ok(false);
-        }
-        self.build_band(resolution)?;
-        Ok(true)
-    }
-
-    /// Searches for the surface on the grid by the present field.
-    pub(super) fn build_band(&mut self, resolution: usize) -> Result<(), Error> {
-        let grid = TetGrid::working_frame(resolution)?;
-        let field = &self.field;
-        let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
-        let active = active_set(&grid, &mut eval, &self.cloud, self.config.band.rings)?;
-        let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
-        self.work.band = Some(Band {
-            resolution,
-            border: (0..).zip(&active.ids).filter(on_border).map(|(i, _)| i).collect(),
-            outside: 1e-3 * grid.spacing(),
-            topology: active.topology(),
-            verts: active.positions,
-        });
-        Ok(())
-    }
-
-    /// Builds the band of the step that last searched for it, by the field as it was then: for a resumed run.
-    #[cfg(feature = "checkpoint")]
-    pub(super) fn rebuild_band(&mut self) -> Result<(), Error> {
-        let now = self.snapshot();
-        let good = self.good.clone();
-        self.restore(&good);
-        if now.step > good.step {
-            self.build_band(self.resolution_at(good.step))?;
-        }
-        let band = self.work.band.take();
-        self.restore(&now);
-        self.work.band = band;
-        Ok(())
-    }
-
     /// Chooses the points of the cloud and the patches that this step sees.
     pub(super) fn view(&self) -> View {
         let n = self.cloud.len();
@@ -221,7 +138,7 @@ impl Trainer {
             (0..size).map(|i| self.order[(self.step * size + i) % n]).collect()
         };
         let every = self.config.bsp_every;
-        let trains = self.map.is_some() && every > 0 && self.step % every == 0;
+        let trains = self.map.is_some() && every > 0 && self.step.is_multiple_of(every);
         let block = trains.then(|| self.step / every % self.blocks.len());
         View { points: rows.iter().map(|&i| self.cloud[i as usize]).collect(), rows, block }
     }
@@ -247,19 +164,6 @@ impl Trainer {
             sdf[i as usize] = band.outside;
         }
         Ok(Sampled { values, raised })
-    }
-
-    /// Finds which edges of the band the surface crosses.
-    pub(super) fn march(&mut self, sampled: &Sampled) -> Result<(), Error> {
-        let Workspace { band, iso, .. } = &mut self.work;
-        let topology = &band.as_ref().expect("refreshed first").topology;
-        let sdf = &sampled.values.sdf.data()[..topology.vert_count()];
-        let inside: Vec<bool> = sdf.iter().map(|&s| s < 0.0).collect();
-        topology.march_into(&inside, iso);
-        if iso.faces.is_empty() {
-            return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
-        }
-        Ok(())
     }
 
     /// Puts the step on the tape: moved vertices, surface, target, and the loss.

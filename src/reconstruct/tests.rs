@@ -10,7 +10,7 @@ use crate::tensor::Tensor;
 use std::ops::ControlFlow;
 
 /// A configuration that runs in well under a second.
-fn tiny() -> Config {
+pub(super) fn tiny() -> Config {
     let mut config = Config::preset(Preset::Default);
     config.field.width = 16;
     config.field.depth = 2;
@@ -27,16 +27,16 @@ fn tiny() -> Config {
 }
 
 /// A sphere that is not centred, so that frames matter.
-fn ball(n: usize) -> Vec<[f32; 3]> {
+pub(super) fn ball(n: usize) -> Vec<[f32; 3]> {
     let points = Shape::Sphere { radius: 3.0 }.sample(n, 5).0;
     points.into_iter().map(|p| [p[0] + 10.0, p[1] - 4.0, p[2]]).collect()
 }
 
-fn run(points: &[[f32; 3]], config: &Config) -> Reconstruction {
+pub(super) fn run(points: &[[f32; 3]], config: &Config) -> Reconstruction {
     reconstruct(points, config, &mut |_| ControlFlow::Continue(())).unwrap()
 }
 
-fn bits(result: &Reconstruction) -> (Vec<u32>, Vec<[u32; 3]>, Vec<u32>) {
+pub(super) fn bits(result: &Reconstruction) -> (Vec<u32>, Vec<[u32; 3]>, Vec<u32>) {
     let mesh = result.mesh(20).unwrap();
     let bits = |points: &[[f32; 3]]| points.as_flattened().iter().map(|x| x.to_bits()).collect();
     (bits(&mesh.verts), mesh.faces, bits(&result.surface_points()))
@@ -46,8 +46,9 @@ fn bits(result: &Reconstruction) -> (Vec<u32>, Vec<[u32; 3]>, Vec<u32>) {
 fn all_terms() -> Config {
     let mut config = tiny();
     config.weights = Weights {
-        para: 10.0,
+        para: 2.0,
         deform: 1.0,
+        deform_decay: 0.5,
         surf: 0.1,
         eikonal: 0.05,
         laplacian: 0.1,
@@ -55,7 +56,7 @@ fn all_terms() -> Config {
         pull: 0.3,
         cover: 1.0,
     };
-    config.field.activation = Activation::Softplus { beta: 5.0 };
+    config.start.steps = 100;
     config.band.rings = 1;
     config
 }
@@ -88,13 +89,30 @@ fn nudge(trainer: &mut Trainer, map: bool, index: usize, along: &Tensor, by: f32
     value.data_mut().iter_mut().zip(along.data()).for_each(|(v, d)| *v += by * d);
 }
 
-/// Compares the gradients of a whole step with differences of its loss, for every parameter of both networks.
-/// Returns how many agreed and how many lay too close to a kink (a neighbour or a sign that switches) to tell.
+/// Shifts the field so that no active vertex lies close to its zero level: a sign that switches is a kink, and near one
+/// the crossing of an edge moves too fast for differences in f32.
+fn clear_the_level(trainer: &mut Trainer) {
+    let view = trainer.view();
+    let sampled = trainer.sample_field(&view).unwrap();
+    let mut values: Vec<f32> = sampled.values.sdf.data().iter().copied().filter(|s| s.abs() < 0.03).collect();
+    values.sort_by(f32::total_cmp);
+    let widest = values.windows(2).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0]))).unwrap();
+    let shift = -0.5 * (widest[0] + widest[1]);
+    let last = trainer.field.params().id("field.2.bias").unwrap();
+    trainer.work.reset();
+    trainer.field.params_mut().value_mut(last).data_mut()[0] += shift;
+    trainer.build_band(8).unwrap();
+}
+
+/// Compares the gradients of a whole step with differences of its loss, for every parameter of the field and of Psi.
+/// (Those of Phi also go straight through the choice of patches, which differences do not see; they are checked with
+/// Phi.) Returns how many agreed and how many differences had not settled.
 fn check_step(config: &Config, seed: u64) -> (usize, usize) {
     let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, seed).0;
     let config = Config { seed, ..config.clone() };
     let mut trainer = Trainer::new(&points, &config).unwrap();
     trainer.build_band(8).unwrap();
+    clear_the_level(&mut trainer);
     let view = trainer.view();
     let sampled = trainer.sample_field(&view).unwrap();
     trainer.march(&sampled).unwrap();
@@ -102,61 +120,60 @@ fn check_step(config: &Config, seed: u64) -> (usize, usize) {
     let pulled = trainer.pull_back(&recorded, &sampled);
     let base = loss_at(&mut trainer);
 
-    let (mut agreed, mut kinks) = (0, 0);
-    let groups = [(false, Some(pulled.field)), (true, pulled.map)];
-    for (map, gradients) in groups.into_iter().filter_map(|(map, g)| Some((map, g?))) {
-        for (index, gradient) in gradients.iter().enumerate() {
-            let gradient = gradient.as_ref().expect("every parameter has a gradient");
-            assert!(gradient.is_finite());
-            let along = direction(gradient.dims(), seed ^ index as u64);
-            let analytic: f64 =
-                gradient.data().iter().zip(along.data()).map(|(g, d)| f64::from(*g) * f64::from(*d)).sum();
-            let mut sides = |h: f32| {
-                let mut at = |by: f32| {
-                    nudge(&mut trainer, map, index, &along, by);
-                    let loss = loss_at(&mut trainer);
-                    nudge(&mut trainer, map, index, &along, -by);
-                    loss
-                };
-                ((at(h) - base) / f64::from(h), (base - at(-h)) / f64::from(h))
-            };
-            // The rounding of a loss near 1 in f32, over the step.
-            let close = |a: f64, b: f64, h: f32| (a - b).abs() <= 0.02 * b.abs() + 4e-7 * base / f64::from(h);
-            let steps = [4e-3, 1e-3, 2.5e-4];
-            let hit = steps.iter().any(|&h| {
-                let (up, down) = sides(h);
-                close(0.5 * (up + down), analytic, h)
-            });
-            if hit {
-                agreed += 1;
-                continue;
-            }
-            // A kink between the steps: the two sides disagree with each other at every step.
-            let kink = steps.iter().all(|&h| {
-                let (up, down) = sides(h);
-                !close(up, down, h)
-            });
-            assert!(kink, "seed {seed}, map {map}, parameter {index}: the step gives {analytic:e}");
-            kinks += 1;
+    let map = trainer.map.as_ref().unwrap();
+    let field = (0..).zip(trainer.field.params().names()).zip(pulled.field).map(|p| (false, p));
+    let psi = (0..).zip(map.params().names()).zip(pulled.map.unwrap_or_default()).map(|p| (true, p));
+    let gradients: Vec<(bool, usize, String, Tensor)> = field
+        .chain(psi.filter(|(_, ((_, name), _))| name.starts_with("psi")))
+        .map(|(map, ((i, name), gradient))| (map, i, name.to_string(), gradient.expect("a gradient")))
+        .collect();
+    let (mut agreed, mut unsettled) = (0, 0);
+    for (map, index, name, gradient) in gradients {
+        assert!(gradient.is_finite());
+        let along = direction(gradient.dims(), seed ^ index as u64);
+        let analytic: f64 =
+            gradient.data().iter().zip(along.data()).map(|(g, d)| f64::from(*g) * f64::from(*d)).sum();
+        let mut at = |by: f32| {
+            nudge(&mut trainer, map, index, &along, by);
+            let loss = loss_at(&mut trainer);
+            nudge(&mut trainer, map, index, &along, -by);
+            loss
+        };
+        let mut difference = |h: f32| (at(h) - at(-h)) / (2.0 * f64::from(h));
+        // The loss is rounded to f32, and so is much on the way to it.
+        let close = |a: f64, b: f64, h: f64| (a - b).abs() <= 0.02 * a.abs().max(b.abs()) + 1e-6 * base / h;
+        let (wide, narrow) = (difference(4e-4), difference(1e-4));
+        if close(wide, analytic, 4e-4) || close(narrow, analytic, 1e-4) {
+            agreed += 1;
+        } else {
+            let settled = close(wide, narrow, 1e-4);
+            assert!(
+                !settled,
+                "seed {seed}, {name}: {analytic:e}, but by differences {wide:e} and {narrow:e}"
+            );
+            unsettled += 1;
         }
     }
-    (agreed, kinks)
+    (agreed, unsettled)
 }
 
 #[test]
 fn the_gradient_of_a_whole_step_agrees_with_differences() {
-    let (mut agreed, mut kinks) = (0, 0);
-    for deformation in [Deformation::Projection, Deformation::Tanh, Deformation::Offset] {
-        for (seed, target) in [(1, Target::Surface), (2, Target::SurfaceAndCloud)] {
-            let config = Config { deformation, target, ..all_terms() };
-            let (a, k) = check_step(&config, seed);
-            agreed += a;
-            kinks += k;
-        }
+    let (mut agreed, mut unsettled) = (0, 0);
+    let mut add = |(a, u): (usize, usize)| {
+        agreed += a;
+        unsettled += u;
+    };
+    for (seed, deformation, target) in [
+        (1, Deformation::Projection, Target::Surface),
+        (2, Deformation::Tanh, Target::SurfaceAndCloud),
+        (4, Deformation::Offset, Target::Surface),
+    ] {
+        add(check_step(&Config { deformation, target, ..all_terms() }, seed));
     }
-    assert!(kinks * 5 < agreed, "{kinks} of {} parameters lay at kinks", agreed + kinks);
-    let sampled = Config { surface_samples: 60, ..all_terms() };
-    assert!(check_step(&Config { bsp_every: 0, ..sampled }, 3).0 > 0);
+    // A parameterization that is not trained in this step.
+    add(check_step(&Config { bsp_every: 0, ..all_terms() }, 3));
+    assert!(unsettled * 5 < agreed, "{unsettled} of {} differences had not settled", agreed + unsettled);
 }
 
 #[test]
@@ -371,7 +388,7 @@ fn the_callback_sees_everything_and_stops_the_run() {
 }
 
 /// Makes the field or the parameterization useless.
-fn poison(trainer: &mut Trainer, map: bool, value: f32) {
+pub(super) fn poison(trainer: &mut Trainer, map: bool, value: f32) {
     let params = match &mut trainer.map {
         Some(m) if map => m.params_mut(),
         _ => trainer.field.params_mut(),
@@ -428,115 +445,4 @@ fn scaled_clouds_use_windows_and_blocks() {
     // 12 windows of 32 go round 100 points nearly four times.
     assert!(seen.iter().all(|&s| s == 3 || s == 4), "{seen:?}");
     assert_eq!(trainer.finish().surface_points().len(), 400);
-}
-
-#[cfg(feature = "checkpoint")]
-mod checkpoints {
-    use super::*;
-    use std::path::PathBuf;
-
-    fn file(name: &str) -> PathBuf {
-        std::env::temp_dir().join(format!("bijective-sdf-{name}-{}.safetensors", std::process::id()))
-    }
-
-    #[test]
-    fn a_resumed_run_ends_in_the_same_bytes() {
-        let points = ball(70);
-        let path = file("resume");
-        let mut blocks = tiny();
-        blocks.batch = Batch { points: 40, centres: 30 };
-        blocks.surface_samples = 50;
-        let sparse = Config { parameterization: Parameterization::None, ..tiny() };
-        for config in [tiny(), blocks, sparse] {
-            let straight = bits(&run(&points, &config));
-            for stop in [0, 1, 4, 7, 12] {
-                let mut trainer = Trainer::new(&points, &config).unwrap();
-                (0..stop).for_each(|_| drop(trainer.step().unwrap()));
-                trainer.save_checkpoint(&path).unwrap();
-                drop(trainer);
-                let mut resumed = Trainer::resume(&path, &points, &config).unwrap();
-                assert_eq!(resumed.steps_done(), stop);
-                // Saving at once gives the same file.
-                let before = std::fs::read(&path).unwrap();
-                resumed.save_checkpoint(&path).unwrap();
-                assert!(before == std::fs::read(&path).unwrap());
-                while !resumed.is_done() {
-                    resumed.step().unwrap();
-                }
-                assert!(bits(&resumed.finish()) == straight, "stopped at step {stop}");
-            }
-        }
-        std::fs::remove_file(path).unwrap();
-    }
-
-    #[test]
-    fn a_recovery_after_resuming_is_the_one_that_would_have_been() {
-        let points = ball(60);
-        let path = file("recovery");
-        let finish = |mut trainer: Trainer| {
-            poison(&mut trainer, false, f32::NAN);
-            while !trainer.is_done() {
-                trainer.step().unwrap();
-            }
-            assert_eq!(trainer.recoveries, 2);
-            bits(&trainer.finish())
-        };
-        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
-        (0..3).for_each(|_| drop(trainer.step().unwrap()));
-        poison(&mut trainer, true, f32::NAN);
-        (0..4).for_each(|_| drop(trainer.step().unwrap()));
-        trainer.save_checkpoint(&path).unwrap();
-        let resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
-        assert!(finish(trainer) == finish(resumed));
-        std::fs::remove_file(path).unwrap();
-    }
-
-    #[test]
-    fn other_clouds_options_and_damaged_files_are_refused() {
-        let points = ball(50);
-        let path = file("damage");
-        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
-        trainer.step().unwrap();
-        trainer.save_checkpoint(&path).unwrap();
-
-        let mut other = tiny();
-        other.weights.points = 0.5;
-        let error = Trainer::resume(&path, &points, &other).err().unwrap();
-        assert_eq!((error.kind(), error.element()), (ErrorKind::Checkpoint, Some("option weights.points")));
-        assert_eq!(error.file(), Some(path.as_path()));
-        let error = Trainer::resume(&path, &ball(51), &tiny()).err().unwrap();
-        assert!(error.kind() == ErrorKind::Checkpoint && error.message().contains("another cloud"));
-        let error = Reconstruction::load(&path).err().unwrap();
-        assert_eq!(error.kind(), ErrorKind::Checkpoint);
-        let error = Trainer::resume(file("nothing"), &points, &tiny()).err().unwrap();
-        assert_eq!(error.kind(), ErrorKind::Io);
-
-        let good = std::fs::read(&path).unwrap();
-        for i in (0..good.len()).step_by(good.len() / 40) {
-            let mut bad = good.clone();
-            bad[i] ^= 0x11;
-            std::fs::write(&path, &bad).unwrap();
-            let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
-            assert_eq!(error.kind(), ErrorKind::Checkpoint, "byte {i}: {error}");
-            std::fs::write(&path, &good[..i]).unwrap();
-            let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
-            assert_eq!(error.kind(), ErrorKind::Checkpoint, "cut at {i}: {error}");
-        }
-        std::fs::remove_file(path).unwrap();
-    }
-
-    #[test]
-    fn a_loaded_result_is_the_one_that_was_saved() {
-        let path = file("result");
-        for deformation in [Deformation::Projection, Deformation::Offset] {
-            let result = run(&ball(50), &Config { deformation, ..tiny() });
-            result.save(&path).unwrap();
-            let loaded = Reconstruction::load(&path).unwrap();
-            assert!(bits(&loaded) == bits(&result));
-            assert_eq!((loaded.cloud(), loaded.config()), (result.cloud(), result.config()));
-            let error = Trainer::resume(&path, &ball(50), &tiny()).err().unwrap();
-            assert_eq!(error.kind(), ErrorKind::Checkpoint);
-        }
-        std::fs::remove_file(path).unwrap();
-    }
 }

@@ -1,6 +1,7 @@
 //! Training in progress: what it consists of, how it starts, and how it comes back when a step goes wrong.
 
-use super::step::{StepReport, Workspace};
+use super::band::Workspace;
+use super::step::StepReport;
 use super::{Config, Reconstruction, StartShape};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};

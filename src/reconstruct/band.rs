@@ -1,0 +1,106 @@
+//! The active part of the grid: where it is searched for, kept, and marched through.
+
+use super::Trainer;
+use super::step::Sampled;
+use crate::autodiff::Tape;
+use crate::error::{Error, ErrorKind};
+use crate::gdo::FieldPass;
+use crate::geometry::{BandTopology, Isosurface, TetGrid, active_set};
+
+/// What steps work with and nothing outlives them for.
+#[derive(Default)]
+pub(super) struct Workspace {
+    pub tape: Tape,
+    pub pass: FieldPass,
+    pub band: Option<Band>,
+    pub iso: Isosurface,
+}
+
+impl Workspace {
+    /// Forgets the band and what the last step left.
+    pub fn reset(&mut self) {
+        self.tape.clear();
+        self.pass.release();
+        self.band = None;
+    }
+}
+
+/// The active part of the grid.
+pub(super) struct Band {
+    pub resolution: usize,
+    pub verts: Vec<[f32; 3]>,
+    /// Active vertices on the border of the grid, where the field counts as outside, so that the surface is closed.
+    pub border: Vec<u32>,
+    /// What the field is raised to there.
+    pub outside: f32,
+    pub topology: BandTopology,
+}
+
+impl Trainer {
+    /// The grid resolution of a step.
+    fn resolution_at(&self, step: usize) -> usize {
+        let mut end = 0;
+        let stages = &self.config.stages;
+        let in_stage = |s: &&super::Stage| {
+            end += s.steps;
+            step < end
+        };
+        stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution)
+    }
+
+    /// Searches for the surface on the grid, if it is time to. Returns whether it was.
+    pub(super) fn refresh_band(&mut self) -> Result<bool, Error> {
+        let resolution = self.resolution_at(self.step);
+        let fresh = self.work.band.as_ref().is_some_and(|b| b.resolution == resolution);
+        if fresh && !self.step.is_multiple_of(self.config.band.refresh) {
+            return Ok(false);
+        }
+        self.build_band(resolution)?;
+        Ok(true)
+    }
+
+    /// Searches for the surface on the grid by the present field.
+    pub(super) fn build_band(&mut self, resolution: usize) -> Result<(), Error> {
+        let grid = TetGrid::working_frame(resolution)?;
+        let field = &self.field;
+        let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
+        let active = active_set(&grid, &mut eval, &self.cloud, self.config.band.rings)?;
+        let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
+        self.work.band = Some(Band {
+            resolution,
+            border: (0..).zip(&active.ids).filter(on_border).map(|(i, _)| i).collect(),
+            outside: 1e-3 * grid.spacing(),
+            topology: active.topology(),
+            verts: active.positions,
+        });
+        Ok(())
+    }
+
+    /// Builds the band of the step that last searched for it, by the field as it was then: for a resumed run.
+    #[cfg(feature = "checkpoint")]
+    pub(super) fn rebuild_band(&mut self) -> Result<(), Error> {
+        let now = self.snapshot();
+        let good = self.good.clone();
+        self.restore(&good);
+        if now.step > good.step {
+            self.build_band(self.resolution_at(good.step))?;
+        }
+        let band = self.work.band.take();
+        self.restore(&now);
+        self.work.band = band;
+        Ok(())
+    }
+
+    /// Finds which edges of the band the surface crosses.
+    pub(super) fn march(&mut self, sampled: &Sampled) -> Result<(), Error> {
+        let Workspace { band, iso, .. } = &mut self.work;
+        let topology = &band.as_ref().expect("refreshed first").topology;
+        let sdf = &sampled.values.sdf.data()[..topology.vert_count()];
+        let inside: Vec<bool> = sdf.iter().map(|&s| s < 0.0).collect();
+        topology.march_into(&inside, iso);
+        if iso.faces.is_empty() {
+            return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
+        }
+        Ok(())
+    }
+}
