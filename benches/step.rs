@@ -34,8 +34,8 @@ fn field(c: &mut Criterion) {
                 tape.clear();
                 let values = pass.forward(&field, &verts, tape.pool());
                 let (sdf, gradient) = (tape.input(values.sdf), tape.input(values.gradient));
-                let positions = tape.constant(Tensor::from_points(&verts));
                 let vars = FieldVars { sdf, gradient, offset: None };
+                let positions = tape.constant(Tensor::from_points(&verts));
                 let moved = deform(&mut tape, Deformation::Projection, positions, &vars);
                 let moved_sq = tape.square(moved);
                 let length_sq = tape.sum_cols(moved_sq);
@@ -45,8 +45,8 @@ fn field(c: &mut Criterion) {
                 let loss = tape.add(length_sq, magnitude);
                 let mut gradients = tape.backward(loss);
                 let mut at = |var| gradients.take(var).expect("the loss depends on it");
-                let of_values = FieldValues { sdf: at(sdf), gradient: at(gradient), offset: None };
-                let of_weights = pass.backward(&field, &of_values);
+                let d = FieldValues { sdf: at(sdf), gradient: at(gradient), offset: None };
+                let of_weights = pass.backward(&field, &d);
                 pass.release();
                 of_weights
             });
