@@ -41,21 +41,6 @@ pub struct BspConfig {
     pub average_positions: bool,
 }
 
-impl Default for BspConfig {
-    /// The paper's patch and neighbours, local attention over positions.
-    fn default() -> Self {
-        BspConfig {
-            channels: 64,
-            heads: 4,
-            neighbours: 8,
-            patch: 10,
-            sphere: 1.0,
-            reach: 12,
-            average_positions: true,
-        }
-    }
-}
-
 /// Codes on the sphere, at most.
 const MAX_CODES: usize = 1 << 24;
 

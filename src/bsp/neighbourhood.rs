@@ -36,6 +36,12 @@ impl Neighbourhood {
         }
     }
 
+    /// The whole cloud of n points, for maps that look at no neighbours.
+    pub(super) fn without_neighbours(n: usize) -> Self {
+        let context = (0..n as u32).collect();
+        Neighbourhood { context, centres: n, neighbours: [].into(), reach: None }
+    }
+
     /// The cloud in blocks of at most `size` centres: one if it is no larger, else halves of halves along their longest
     /// sides. Every point is a centre of one block.
     ///

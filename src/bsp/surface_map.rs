@@ -83,10 +83,7 @@ impl SurfaceMap {
     pub fn blocks(&self, points: &[[f32; 3]], size: usize) -> Vec<Neighbourhood> {
         match self {
             SurfaceMap::Bsp(bsp) => Neighbourhood::blocks(points, bsp.config(), size),
-            SurfaceMap::Atlas(_) => {
-                let config = BspConfig { neighbours: 1, reach: 0, ..BspConfig::default() };
-                vec![Neighbourhood::whole(points, &config)]
-            }
+            SurfaceMap::Atlas(_) => vec![Neighbourhood::without_neighbours(points.len())],
         }
     }
 

@@ -368,6 +368,52 @@ mod tests {
         }
     }
 
+    /// The network by loops over units, in f64.
+    fn naive(field: &Field, x: [f32; 3]) -> Vec<f64> {
+        let mut encoded: Vec<f64> = x.iter().map(|&x| f64::from(x)).collect();
+        for f in field.frequencies() {
+            encoded.extend(x.iter().map(|&x| (f64::from(f) * f64::from(x)).sin()));
+            encoded.extend(x.iter().map(|&x| (f64::from(f) * f64::from(x)).cos()));
+        }
+        let mut h = encoded.clone();
+        for (l, &(weight, bias)) in field.layers.iter().enumerate() {
+            if Some(l) == field.config.skip {
+                h.extend(&encoded);
+                h.iter_mut().for_each(|h| *h *= 0.5f64.sqrt());
+            }
+            let (weight, bias) = (field.params.value(weight), field.params.value(bias));
+            let unit = |j: usize| {
+                let sum: f64 = h.iter().enumerate().map(|(i, h)| h * f64::from(weight.row(i)[j])).sum();
+                sum + f64::from(bias.data()[j])
+            };
+            let z: Vec<f64> = (0..weight.cols()).map(unit).collect();
+            let beta = 4.0;
+            let soft = |z: &f64| (1.0 + (beta * z).exp()).ln() / beta;
+            h = if l == field.config.depth { z } else { z.iter().map(soft).collect() };
+        }
+        h
+    }
+
+    #[test]
+    fn values_agree_with_plain_loops() {
+        for (skip, octaves, offset) in [(None, 0, false), (Some(1), 2, false), (Some(2), 1, true)] {
+            let field = small(skip, octaves, offset, 8);
+            for n in 0..12 {
+                let x = points(n, n as u64);
+                let mut tape = Tape::new();
+                let p = field.params.bind(&mut tape, false);
+                let out = field.outputs(&mut tape, &p, &x);
+                for (i, (&x, s)) in x.iter().zip(field.sdf(&x)).enumerate() {
+                    let want = naive(&field, x);
+                    let mut found = vec![tape.value(out.sdf).data()[i]];
+                    found.extend(out.offset.iter().flat_map(|&o| tape.value(o).row(i)));
+                    assert_eq!((found.len(), s), (want.len(), found[0]));
+                    assert!(found.iter().zip(&want).all(|(a, b)| (f64::from(*a) - b).abs() < 1e-5));
+                }
+            }
+        }
+    }
+
     #[test]
     fn starts_as_a_sphere() {
         for (depth, skip) in [(4, None), (8, Some(4))] {

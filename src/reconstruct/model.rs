@@ -1,7 +1,7 @@
 //! The result: a field and what comes with it, in the input's frame.
 
 use super::Config;
-use crate::error::Error;
+use crate::error::{Error, ErrorKind};
 use crate::gdo::Field;
 use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleMesh, extract};
 
@@ -40,14 +40,19 @@ impl Reconstruction {
     /// cloud. Parts below the share `mesh.min_component` of the largest part's area are left out.
     ///
     /// # Errors
-    /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if the field is nowhere negative on the grid,
-    /// [`ErrorKind::Config`](crate::ErrorKind::Config) for a resolution below 3 or beyond 32-bit vertex numbers,
-    /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if the field is not finite.
+    /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid,
+    /// [`ErrorKind::Config`] for a resolution below 3 or beyond 32-bit vertex numbers,
+    /// [`ErrorKind::Diverged`] if the field is not finite.
     pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh, Error> {
         let seeds = self.normalizer.forward(&self.cloud);
         let options = NarrowBandOptions { seeds: &seeds, ..Default::default() };
         let mut eval = |x: &[[f32; 3]]| Ok(self.field.sdf(x));
-        let mut mesh = extract(&TetGrid::working_frame(resolution)?, &mut eval, &options)?;
+        let mut mesh = extract(&TetGrid::working_frame(resolution)?, &mut eval, &options).map_err(|e| {
+            if e.kind() == ErrorKind::NoSurface {
+                return e.advise("raise the resolution, or train for more steps");
+            }
+            e
+        })?;
         mesh = mesh.keep_large(self.config.min_component);
         mesh.verts = self.normalizer.inverse(&mesh.verts);
         Ok(mesh)

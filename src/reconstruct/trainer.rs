@@ -108,7 +108,11 @@ impl Trainer {
     pub(super) fn from_prepared(prepared: Prepared) -> Result<Self, Error> {
         let mut trainer = Self::blank(prepared);
         trainer.shape_field()?;
-        trainer.pretrain_map()?;
+        trainer.pretrain_map().map_err(|e| {
+            e.advise(
+                "training the parameterization alone diverged; lower bsp_rate.base or set bsp.pretrain to 0",
+            )
+        })?;
         trainer.good = trainer.snapshot();
         Ok(trainer)
     }
