@@ -37,6 +37,20 @@ impl std::fmt::Debug for KdTree {
     }
 }
 
+/// `f` of every query, in parallel over fixed chunks.
+fn for_all(queries: &[[f32; 3]], f: impl Fn([f32; 3]) -> (u32, f32) + Sync) -> (Vec<u32>, Vec<f32>) {
+    let mut index = vec![0; queries.len()];
+    let mut dist_sq = vec![0.0; queries.len()];
+    index.par_chunks_mut(CHUNK).zip(dist_sq.par_chunks_mut(CHUNK)).zip(queries.par_chunks(CHUNK)).for_each(
+        |((index, dist_sq), queries)| {
+            for ((i, d), &q) in index.iter_mut().zip(dist_sq).zip(queries) {
+                (*i, *d) = f(q);
+            }
+        },
+    );
+    (index, dist_sq)
+}
+
 impl KdTree {
     /// The tree over `points` (n x 3).
     ///
@@ -82,18 +96,7 @@ impl KdTree {
     /// # Panics
     /// If a query is not finite or beyond 1e18.
     pub fn nearest_all(&self, queries: &[[f32; 3]]) -> (Vec<u32>, Vec<f32>) {
-        let mut index = vec![0; queries.len()];
-        let mut dist_sq = vec![0.0; queries.len()];
-        index
-            .par_chunks_mut(CHUNK)
-            .zip(dist_sq.par_chunks_mut(CHUNK))
-            .zip(queries.par_chunks(CHUNK))
-            .for_each(|((index, dist_sq), queries)| {
-                for ((i, d), &q) in index.iter_mut().zip(dist_sq).zip(queries) {
-                    (*i, *d) = self.nearest(q);
-                }
-            });
-        (index, dist_sq)
+        for_all(queries, |q| self.nearest(q))
     }
 
     /// As [`nearest_all`](Self::nearest_all), but among points that are equally near up to rounding any one may be
@@ -102,20 +105,11 @@ impl KdTree {
     /// # Panics
     /// If a query is not finite or beyond 1e18.
     pub fn nearest_any(&self, queries: &[[f32; 3]]) -> (Vec<u32>, Vec<f32>) {
-        let mut index = vec![0; queries.len()];
-        let mut dist_sq = vec![0.0; queries.len()];
-        index
-            .par_chunks_mut(CHUNK)
-            .zip(dist_sq.par_chunks_mut(CHUNK))
-            .zip(queries.par_chunks(CHUNK))
-            .for_each(|((index, dist_sq), queries)| {
-                for ((i, d), q) in index.iter_mut().zip(dist_sq).zip(queries) {
-                    check_query(q);
-                    let found = self.tree.query(q).nearest_one::<Metric>().execute();
-                    (*i, *d) = (found.item, found.distance);
-                }
-            });
-        (index, dist_sq)
+        for_all(queries, |q| {
+            check_query(&q);
+            let found = self.tree.query(&q).nearest_one::<Metric>().execute();
+            (found.item, found.distance)
+        })
     }
 
     /// For each of `queries` (m x 3), the indices of its `k` nearest points, nearest first (m x k, row-major).
@@ -263,6 +257,20 @@ mod tests {
             for (j, &q) in queries.iter().enumerate() {
                 let want = brute_ranked(&points, q)[0];
                 assert_eq!((dist_sq[j], index[j]), want, "query {q:?} among {}", points.len());
+            }
+        }
+    }
+
+    #[test]
+    fn nearest_any_is_as_near_as_brute_force_up_to_rounding() {
+        for points in clouds() {
+            let tree = KdTree::new(&points);
+            let queries = queries_for(&points);
+            let (index, dist_sq) = tree.nearest_any(&queries);
+            for ((&i, &d), &q) in index.iter().zip(&dist_sq).zip(&queries) {
+                let want = brute_ranked(&points, q)[0].0;
+                assert_eq!(d, point_dist_sq(&points[i as usize], &q), "the distance is that of the index");
+                assert!(d <= widen(want), "query {q:?} among {}: {d} instead of {want}", points.len());
             }
         }
     }
