@@ -100,7 +100,7 @@ impl KdTree {
     }
 
     /// As [`nearest_all`](Self::nearest_all), but among points that are equally near up to rounding any one may be
-    /// returned, the same one for the same tree and query: about half the cost.
+    /// returned, the same one for the same tree and query: one neighbour is searched instead of two.
     ///
     /// # Panics
     /// If a query is not finite or beyond 1e18.

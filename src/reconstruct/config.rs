@@ -46,7 +46,8 @@ pub struct Weights {
     /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5). Paper 1.
     pub deform: f32,
     /// What the weight of L_deform has been multiplied by at the end, falling geometrically: a strong pull to S early
-    /// rids the start of surface that no point asks for; a weak one late leaves the last word to the points. Paper 1.
+    /// is meant to rid the start of surface that no point asks for, a weak one late to leave the last word to the
+    /// points. Paper 1.
     pub deform_decay: f32,
     /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
     pub surf: f32,

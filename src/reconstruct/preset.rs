@@ -15,7 +15,7 @@ pub enum Preset {
     Paper,
     /// A quick look.
     Fast,
-    /// What measured best for a few hundred points within about a minute.
+    /// For a few hundred points in under a minute; departs from the paper where that measured better (README).
     Default,
     /// More steps on a finer grid.
     Fine,
