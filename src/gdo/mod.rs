@@ -5,6 +5,7 @@ mod deform;
 mod faces;
 mod field;
 mod gauss;
+mod network;
 mod pass;
 mod start;
 

@@ -15,7 +15,7 @@ mod simd;
 pub use buffer::Pool;
 pub(crate) use elementwise::{map, map_rows, map2};
 pub(crate) use math::{
-    exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid_slice, tanh_slice,
+    exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice, tanh_slice,
 };
 pub(crate) use matmul::{MatRef, gemm};
 pub use matmul::{matmul, matmul_nt, matmul_tn, matmul_tt};

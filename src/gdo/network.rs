@@ -1,0 +1,560 @@
+//! The field network over a block of points: values, spatial gradient and the way back to the weights, without a tape.
+//!
+//! The arithmetic is that of [`Field::outputs`], which writes it with tape operations and is its twin in the tests.
+//! Here every layer is a few matrix products with one pass over the block between them, so that what a layer works
+//! on stays in the processor's cache and nothing is allocated once the buffers have grown.
+//!
+//! With x_0 the encoding, z_l = x_l W_l + b_l and x_(l+1) = act(z_l), the forward half keeps the slopes
+//! s_l = act'(z_l) and sweeps once from the last layer down: r_l = (s_l * r_(l+1)) W_l^T, where r_depth is the last
+//! weight column; r_0, taken through the encoding, is grad g. The way back runs through that sweep from the encoding
+//! up, which leaves what reaches z_l through its slope, and then through the layers from the last one down. That makes
+//! six products a layer.
+
+use super::field::{Activation, Field, FieldConfig};
+use crate::tensor::{MatRef, add_row_sums, gemm, kernel, sin_cos_slice, softplus_sigmoid};
+use std::f32::consts::FRAC_1_SQRT_2;
+use std::ops::Range;
+
+kernel! {
+    /// h = z + bias, then its softplus with `beta`; s = the slope there.
+    fn softplus_rows(h: &mut [f32], s: &mut [f32], bias: &[f32], beta: f32) {
+        let inverse = 1.0 / beta;
+        for (h, s) in h.chunks_exact_mut(bias.len()).zip(s.chunks_exact_mut(bias.len())) {
+            for ((h, s), &b) in h.iter_mut().zip(s).zip(bias) {
+                let (value, slope) = softplus_sigmoid(beta * (*h + b));
+                *h = value * inverse;
+                *s = slope;
+            }
+        }
+    }
+}
+kernel! {
+    /// h = max(z + bias, 0); s = 1 where that is positive, 0 elsewhere.
+    fn relu_rows(h: &mut [f32], s: &mut [f32], bias: &[f32]) {
+        for (h, s) in h.chunks_exact_mut(bias.len()).zip(s.chunks_exact_mut(bias.len())) {
+            for ((h, s), &b) in h.iter_mut().zip(s).zip(bias) {
+                let z = *h + b;
+                // NaN stays: the comparison is false and z is kept.
+                *h = if z < 0.0 { 0.0 } else { z };
+                *s = if z > 0.0 { 1.0 } else { 0.0 };
+            }
+        }
+    }
+}
+kernel! {
+    /// out = a * b.
+    fn multiply(out: &mut [f32], a: &[f32], b: &[f32]) {
+        for ((o, &a), &b) in out.iter_mut().zip(a).zip(b) { *o = a * b; }
+    }
+}
+kernel! {
+    /// Back through t = s * r. In: d = dt and r. Out: d = dr = dt * s, and r = what reaches z through its slope,
+    /// dt * r * beta s (1 - s); beta is 0 for slopes that are constant almost everywhere.
+    fn back_through_slope(d: &mut [f32], r: &mut [f32], s: &[f32], beta: f32) {
+        for ((d, r), &s) in d.iter_mut().zip(r).zip(s) {
+            *r = *d * *r * (beta * s * (1.0 - s));
+            *d *= s;
+        }
+    }
+}
+kernel! {
+    /// Back through the activation: d = dz = dh * s + q, and its column sums added to `sum`.
+    fn back_through_activation(d: &mut [f32], s: &[f32], q: &[f32], sum: &mut [f32]) {
+        let c = sum.len();
+        for ((d, s), q) in d.chunks_exact_mut(c).zip(s.chunks_exact(c)).zip(q.chunks_exact(c)) {
+            for (((d, &s), &q), sum) in d.iter_mut().zip(s).zip(q).zip(sum.iter_mut()) {
+                *d = *d * s + q;
+                *sum += *d;
+            }
+        }
+    }
+}
+/// The values of a block of n points, or the loss gradients there.
+pub(super) struct Outputs<'a> {
+    /// g, n.
+    pub sdf: &'a mut [f32],
+    /// grad g, n x 3.
+    pub gradient: &'a mut [f32],
+    /// The displacement, n x 3, if the field has one.
+    pub offset: Option<&'a mut [f32]>,
+}
+
+/// The loss gradients at the values of a block.
+#[derive(Clone, Copy)]
+pub(super) struct Seeds<'a> {
+    /// At g, n.
+    pub sdf: &'a [f32],
+    /// At grad g, n x 3.
+    pub gradient: &'a [f32],
+    /// At the displacement, n x 3, if the field has one.
+    pub offset: Option<&'a [f32]>,
+}
+
+/// What the forward half keeps of a block for the way back.
+#[derive(Default)]
+pub(super) struct Block {
+    rows: usize,
+    /// x_0, n x e.
+    encoding: Vec<f32>,
+    /// x_l of the layer that the encoding is joined to, n x (c + e).
+    joined: Vec<f32>,
+    hidden: Vec<Hidden>,
+}
+
+/// Of one hidden layer, each n x c.
+#[derive(Default)]
+struct Hidden {
+    /// x_(l+1).
+    out: Vec<f32>,
+    /// s_l.
+    slope: Vec<f32>,
+    /// r_(l+1), the adjoint of `out`; on the way back, what reaches z_l through its slope.
+    adjoint: Vec<f32>,
+}
+
+/// Memory for what lives only within a block's forward or backward half; can serve one block after the other.
+#[derive(Default)]
+pub(super) struct Scratch {
+    angles: [Vec<f32>; 3],
+    outputs: Vec<f32>,
+    encoding: Vec<f32>,
+    /// Each n x c, or n x (c + e).
+    wide: [Vec<f32>; 4],
+}
+
+/// `len` values of a buffer that grows when it must; what they hold is to be overwritten.
+fn room(buffer: &mut Vec<f32>, len: usize) -> &mut [f32] {
+    if buffer.len() < len {
+        buffer.resize(len, 0.0);
+    }
+    &mut buffer[..len]
+}
+
+/// n x c in a slice.
+fn mat(data: &[f32], n: usize, c: usize) -> MatRef<'_> {
+    MatRef::window(data, n, c, c)
+}
+
+/// scale times columns `from..from + to_cols` of x.
+fn copy_columns(to: &mut [f32], to_cols: usize, x: &[f32], cols: usize, from: usize, scale: f32) {
+    for (to, x) in to.chunks_exact_mut(to_cols).zip(x.chunks_exact(cols)) {
+        for (to, x) in to.iter_mut().zip(&x[from..]) {
+            *to = x * scale;
+        }
+    }
+}
+
+/// [a, b] / sqrt 2, row by row.
+fn join(out: &mut [f32], a: &[f32], a_cols: usize, b: &[f32], b_cols: usize) {
+    let rows = a.chunks_exact(a_cols).zip(b.chunks_exact(b_cols));
+    for (out, (a, b)) in out.chunks_exact_mut(a_cols + b_cols).zip(rows) {
+        for (o, x) in out.iter_mut().zip(a.iter().chain(b)) {
+            *o = x * FRAC_1_SQRT_2;
+        }
+    }
+}
+
+/// Where the gradients of layer l's weight and bias lie in one buffer for all parameters.
+fn places(field: &Field, l: usize) -> (Range<usize>, Range<usize>) {
+    let len = |l| field.layer(l).0.len() + field.layer(l).1.len();
+    let start: usize = (0..l).map(len).sum();
+    let weight = start..start + field.layer(l).0.len();
+    (weight.clone(), weight.end..start + len(l))
+}
+
+impl Scratch {
+    /// Bytes held.
+    pub(super) fn memory(&self) -> usize {
+        let Scratch { angles, outputs, encoding, wide } = self;
+        bytes_of(angles.iter().chain([outputs, encoding]).chain(wide))
+    }
+}
+
+fn bytes_of<'a>(buffers: impl Iterator<Item = &'a Vec<f32>>) -> usize {
+    buffers.map(Vec::capacity).sum::<usize>() * size_of::<f32>()
+}
+
+impl Block {
+    /// Bytes held.
+    pub(super) fn memory(&self) -> usize {
+        let hidden = self.hidden.iter().flat_map(|h| [&h.out, &h.slope, &h.adjoint]);
+        bytes_of([&self.encoding, &self.joined].into_iter().chain(hidden))
+    }
+
+    /// About what a block of `rows` points keeps between its halves, in bytes.
+    pub(super) fn bytes(config: &FieldConfig, rows: usize) -> usize {
+        let joined = config.skip.map_or(0, |_| config.width + config.encoding_cols());
+        rows * size_of::<f32>() * (3 * config.width * config.depth + config.encoding_cols() + joined)
+    }
+
+    /// The encoding of the points, [x, sin f x, cos f x, sin 2f x, cos 2f x, ...], n x e.
+    fn encode(&mut self, config: &FieldConfig, points: &[[f32; 3]], scratch: &mut Scratch) {
+        let (n, e, waves) = (points.len(), config.encoding_cols(), 3 * config.octaves);
+        let [angles, sin, cos] = &mut scratch.angles;
+        let (angles, sin) = (room(angles, n * waves), room(sin, n * waves));
+        let cos = room(cos, n * waves);
+        if waves > 0 {
+            for (row, x) in angles.chunks_exact_mut(waves).zip(points) {
+                for (f, part) in config.frequencies().zip(row.chunks_exact_mut(3)) {
+                    part.iter_mut().zip(x).for_each(|(a, x)| *a = f * x);
+                }
+            }
+        }
+        sin_cos_slice(sin, cos, angles);
+        for (i, (row, x)) in room(&mut self.encoding, n * e).chunks_exact_mut(e).zip(points).enumerate() {
+            row[..3].copy_from_slice(x);
+            for (o, part) in row[3..].chunks_exact_mut(6).enumerate() {
+                let at = i * waves + 3 * o;
+                part[..3].copy_from_slice(&sin[at..at + 3]);
+                part[3..].copy_from_slice(&cos[at..at + 3]);
+            }
+        }
+    }
+
+    /// The layers up to the outputs (n x 1, or n x 4 with a displacement), which are left in the scratch memory.
+    fn layers(&mut self, field: &Field, points: &[[f32; 3]], scratch: &mut Scratch) {
+        let config = field.config();
+        let (n, c, e) = (points.len(), config.width, config.encoding_cols());
+        self.rows = n;
+        self.hidden.resize_with(config.depth, Hidden::default);
+        self.encode(config, points, scratch);
+        for l in 0..config.depth {
+            let (before, rest) = self.hidden.split_at_mut(l);
+            let Hidden { out, slope, .. } = &mut rest[0];
+            let (weight, bias) = field.layer(l);
+            let input = match before.last() {
+                None => &self.encoding[..n * e],
+                Some(last) if Some(l) == config.skip => {
+                    let joined = room(&mut self.joined, n * (c + e));
+                    join(joined, &last.out[..n * c], c, &self.encoding, e);
+                    &*joined
+                }
+                Some(last) => &last.out[..n * c],
+            };
+            let (out, slope) = (room(out, n * c), room(slope, n * c));
+            gemm(out, c, 0.0, mat(input, n, weight.rows()), MatRef::of(weight));
+            match config.activation {
+                Activation::Softplus { beta } => softplus_rows(out, slope, bias.data(), beta),
+                Activation::Relu => relu_rows(out, slope, bias.data()),
+            }
+        }
+        let (weight, bias) = field.layer(config.depth);
+        let outputs = room(&mut scratch.outputs, n * weight.cols());
+        let last = &self.hidden[config.depth - 1].out[..n * c];
+        gemm(outputs, weight.cols(), 0.0, mat(last, n, c), MatRef::of(weight));
+        for row in outputs.chunks_exact_mut(weight.cols()) {
+            row.iter_mut().zip(bias.data()).for_each(|(o, b)| *o += b);
+        }
+    }
+
+    /// g alone at n points.
+    pub(super) fn sdf(&mut self, field: &Field, points: &[[f32; 3]], scratch: &mut Scratch, out: &mut [f32]) {
+        self.layers(field, points, scratch);
+        let outputs = field.layer(field.config().depth).0.cols();
+        copy_columns(out, 1, &scratch.outputs, outputs, 0, 1.0);
+    }
+
+    /// What the way back needs at n points (working frame), and all values there if asked for.
+    pub(super) fn forward(
+        &mut self,
+        field: &Field,
+        points: &[[f32; 3]],
+        scratch: &mut Scratch,
+        values: Option<&mut Outputs<'_>>,
+    ) {
+        self.layers(field, points, scratch);
+        let config = field.config();
+        let (n, c, e) = (self.rows, config.width, config.encoding_cols());
+        let outputs = field.layer(config.depth).0.cols();
+        // The adjoint sweep.
+        let (last, _) = field.layer(config.depth);
+        let [through, wide, column, _] = &mut scratch.wide;
+        let column = room(column, c);
+        column.iter_mut().zip(last.data().chunks_exact(outputs)).for_each(|(o, row)| *o = row[0]);
+        let top = &mut self.hidden[config.depth - 1].adjoint;
+        room(top, n * c).chunks_exact_mut(c).for_each(|row| row.copy_from_slice(column));
+        let at_encoding = room(&mut scratch.encoding, n * e);
+        at_encoding.fill(0.0);
+        for l in (0..config.depth).rev() {
+            let (below, rest) = self.hidden.split_at_mut(l);
+            let through = room(through, n * c);
+            multiply(through, &rest[0].slope, &rest[0].adjoint);
+            let (weight, _) = field.layer(l);
+            let through = mat(through, n, c);
+            match below.last_mut() {
+                None => gemm(at_encoding, e, 1.0, through, MatRef::of(weight).t()),
+                Some(below) if Some(l) == config.skip => {
+                    let wide = room(wide, n * (c + e));
+                    gemm(wide, c + e, 0.0, through, MatRef::of(weight).t());
+                    copy_columns(room(&mut below.adjoint, n * c), c, wide, c + e, 0, FRAC_1_SQRT_2);
+                    copy_columns(at_encoding, e, wide, c + e, c, FRAC_1_SQRT_2);
+                }
+                Some(below) => {
+                    gemm(room(&mut below.adjoint, n * c), c, 0.0, through, MatRef::of(weight).t());
+                }
+            }
+        }
+        let Some(values) = values else { return };
+        copy_columns(values.sdf, 1, &scratch.outputs, outputs, 0, 1.0);
+        if let Some(offset) = &mut values.offset {
+            copy_columns(offset, 3, &scratch.outputs, outputs, 1, 1.0);
+        }
+        // Through the encoding: d sin(fx) = f cos(fx), d cos(fx) = -f sin(fx).
+        let rows = at_encoding.chunks_exact(e).zip(self.encoding.chunks_exact(e));
+        for (out, (row, encoding)) in values.gradient.chunks_exact_mut(3).zip(rows) {
+            out.copy_from_slice(&row[..3]);
+            let waves = row[3..].chunks_exact(6).zip(encoding[3..].chunks_exact(6));
+            for (f, (row, wave)) in config.frequencies().zip(waves) {
+                for d in 0..3 {
+                    out[d] += f * (wave[3 + d] * row[d] - wave[d] * row[3 + d]);
+                }
+            }
+        }
+    }
+
+    /// Adds the parameters' gradients from those at the values of the last forward half to `total`, which holds weight
+    /// and bias of layer after layer. Can be called once for each forward half.
+    pub(super) fn backward(
+        &mut self,
+        field: &Field,
+        scratch: &mut Scratch,
+        seeds: Seeds<'_>,
+        total: &mut [f32],
+    ) {
+        let config = field.config();
+        let (n, c, e) = (self.rows, config.width, config.encoding_cols());
+        let beta = match config.activation {
+            Activation::Softplus { beta } => beta,
+            Activation::Relu => 0.0,
+        };
+        // Back through the adjoint sweep, from the encoding up.
+        let at_encoding = room(&mut scratch.encoding, n * e);
+        let rows = at_encoding.chunks_exact_mut(e).zip(self.encoding.chunks_exact(e));
+        for (g, (row, encoding)) in seeds.gradient.chunks_exact(3).zip(rows) {
+            row[..3].copy_from_slice(g);
+            let waves = row[3..].chunks_exact_mut(6).zip(encoding[3..].chunks_exact(6));
+            for (f, (row, wave)) in config.frequencies().zip(waves) {
+                for d in 0..3 {
+                    row[d] = f * wave[3 + d] * g[d];
+                    row[3 + d] = -f * wave[d] * g[d];
+                }
+            }
+        }
+        let [through, joined, mut d, mut next] = scratch.wide.each_mut();
+        for l in 0..config.depth {
+            let Hidden { slope, adjoint, .. } = &mut self.hidden[l];
+            let (slope, adjoint) = (&slope[..n * c], &mut adjoint[..n * c]);
+            let (weight, _) = field.layer(l);
+            let from = weight.rows();
+            let through = room(through, n * c);
+            multiply(through, slope, adjoint);
+            let d_input = if l == 0 {
+                mat(at_encoding, n, e)
+            } else if Some(l) == config.skip {
+                let joined = room(joined, n * from);
+                join(joined, d, c, at_encoding, e);
+                mat(joined, n, from)
+            } else {
+                mat(d, n, c)
+            };
+            let through = mat(through, n, c);
+            gemm(&mut total[places(field, l).0], c, 1.0, d_input.t(), through);
+            let d_through = room(next, n * c);
+            gemm(d_through, c, 0.0, d_input, MatRef::of(weight));
+            back_through_slope(d_through, adjoint, slope, beta);
+            std::mem::swap(&mut d, &mut next);
+        }
+        let (last, _) = field.layer(config.depth);
+        let outputs = last.cols();
+        let (dw, db) = places(field, config.depth);
+        let sums = room(through, c);
+        sums.fill(0.0);
+        add_row_sums(sums, &d[..n * c]);
+        total[dw.clone()].iter_mut().step_by(outputs).zip(sums).for_each(|(w, s)| *w += *s);
+
+        // Back through the layers, from the outputs down.
+        let at_outputs = room(&mut scratch.outputs, n * outputs);
+        for (i, row) in at_outputs.chunks_exact_mut(outputs).enumerate() {
+            row[0] = seeds.sdf[i];
+            if let Some(offset) = seeds.offset {
+                row[1..].copy_from_slice(&offset[3 * i..3 * i + 3]);
+            }
+        }
+        add_row_sums(&mut total[db], at_outputs);
+        let at_outputs = mat(at_outputs, n, outputs);
+        gemm(&mut total[dw], outputs, 1.0, mat(&self.hidden[config.depth - 1].out, n, c).t(), at_outputs);
+        gemm(room(d, n * c), c, 0.0, at_outputs, MatRef::of(last).t());
+        for l in (0..config.depth).rev() {
+            let Hidden { slope, adjoint, .. } = &self.hidden[l];
+            let (weight, _) = field.layer(l);
+            let from = weight.rows();
+            let (dw, db) = places(field, l);
+            back_through_activation(&mut d[..n * c], slope, adjoint, &mut total[db]);
+            let input = match l {
+                0 => &self.encoding,
+                _ if Some(l) == config.skip => &self.joined,
+                _ => &self.hidden[l - 1].out,
+            };
+            let dz = mat(d, n, c);
+            gemm(&mut total[dw], c, 1.0, mat(input, n, from).t(), dz);
+            if l == 0 {
+                break;
+            }
+            if Some(l) == config.skip {
+                let joined = room(joined, n * from);
+                gemm(joined, from, 0.0, dz, MatRef::of(weight).t());
+                copy_columns(room(next, n * c), c, joined, from, 0, FRAC_1_SQRT_2);
+            } else {
+                gemm(room(next, n * c), c, 0.0, dz, MatRef::of(weight).t());
+            }
+            std::mem::swap(&mut d, &mut next);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::autodiff::{At, Op, Tape};
+    use crate::gdo::{FieldPass, FieldValues};
+    use crate::ops::testing::{check, normal};
+    use crate::tensor::{Pool, Tensor};
+    use proptest::prelude::*;
+    use rand::SeedableRng;
+    use rand::rngs::ChaCha8Rng;
+
+    const ACTIVATIONS: [Activation; 2] = [Activation::Softplus { beta: 4.0 }, Activation::Relu];
+
+    fn config(depth: usize, skip: Option<usize>, octaves: usize, activation: Activation) -> FieldConfig {
+        FieldConfig { width: 7, depth, octaves, frequency: 1.5, activation, skip, radius: 0.4 }
+    }
+
+    fn field(config: FieldConfig, offset: bool, seed: u64) -> Field {
+        let mut rng = ChaCha8Rng::seed_from_u64(seed);
+        let mut field =
+            if offset { Field::with_offset(config, &mut rng) } else { Field::new(config, &mut rng) };
+        // Leave the geometric start, at which the waves are silent.
+        for (i, value) in field.params_mut().values_mut().iter_mut().enumerate() {
+            let noise = normal(value.dims(), seed ^ (77 + i as u64));
+            let value = std::sync::Arc::make_mut(value);
+            value.data_mut().iter_mut().zip(noise.data()).for_each(|(w, n)| *w += 0.1 * n);
+        }
+        field
+    }
+
+    fn points(n: usize, seed: u64) -> Vec<[f32; 3]> {
+        normal(&[n, 3], seed).to_points().into_iter().map(|p| p.map(|x| 0.3 * x)).collect()
+    }
+
+    /// The pass as an operation on all parameters in one row, so that the checker can run it.
+    struct WholeField {
+        field: Field,
+        points: Vec<[f32; 3]>,
+    }
+
+    impl WholeField {
+        fn at(&self, parameters: &Tensor) -> Field {
+            let mut field = self.field.clone();
+            let mut rest = parameters.data();
+            for value in field.params_mut().values_mut() {
+                let (values, after) = rest.split_at(value.len());
+                std::sync::Arc::make_mut(value).data_mut().copy_from_slice(values);
+                rest = after;
+            }
+            field
+        }
+    }
+
+    impl Op<1> for WholeField {
+        type Saved = ();
+        fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
+            let values = FieldPass::new().forward(&self.at(x), &self.points, &Pool::default());
+            let parts = [Some(values.sdf), Some(values.gradient), values.offset];
+            let all: Vec<f32> = parts.iter().flatten().flat_map(|t| t.data().to_vec()).collect();
+            (Tensor::from_vec(&[1, all.len()], all), ())
+        }
+        fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
+            let n = self.points.len();
+            let part =
+                |from: usize, c: usize| Tensor::from_vec(&[n, c], dy.data()[from..from + n * c].to_vec());
+            let d = FieldValues {
+                sdf: part(0, 1),
+                gradient: part(n, 3),
+                offset: self.field.has_offset().then(|| part(4 * n, 3)),
+            };
+            let field = self.at(at.x[0]);
+            let mut pass = FieldPass::new();
+            pass.forward(&field, &self.points, &Pool::default());
+            let gradients = pass.backward(&field, &d);
+            let all: Vec<f32> = gradients.iter().flatten().flat_map(|t| t.data().to_vec()).collect();
+            [Some(Tensor::from_vec(at.x[0].dims(), all))]
+        }
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(16))]
+        #[test]
+        fn gradients_of_a_whole_pass(skip: bool, offset: bool, octaves in 0usize..3, seed: u64) {
+            let config = config(3, skip.then_some(2), octaves, ACTIVATIONS[0]);
+            let field = field(config, offset, seed);
+            let all: Vec<f32> = field.params().values().iter().flat_map(|t| t.data().to_vec()).collect();
+            let all = Tensor::from_vec(&[1, all.len()], all);
+            let x = points(6, seed);
+            check(|t, v| t.apply(WholeField { field: field.clone(), points: x.clone() }, [v[0]]), &[all], seed);
+        }
+    }
+
+    /// Values and parameter gradients by tape operations.
+    fn twin(field: &Field, x: &[[f32; 3]], d: &FieldValues) -> Vec<Tensor> {
+        let mut tape = Tape::new();
+        let p = field.params().bind(&mut tape, true);
+        let out = field.outputs(&mut tape, &p, x);
+        let mut seeds = vec![(out.sdf, d.sdf.clone()), (out.gradient, d.gradient.clone())];
+        seeds.extend(out.offset.zip(d.offset.clone()));
+        let values: Vec<Tensor> = seeds.iter().map(|(var, _)| tape.value(*var).clone()).collect();
+        let gradients = p.collect(&mut tape.pull(seeds));
+        values.into_iter().chain(gradients.into_iter().flatten()).collect()
+    }
+
+    #[test]
+    fn agrees_with_the_tape_for_every_kind_of_network() {
+        for (depth, skip) in [(1, None), (2, None), (2, Some(1)), (3, Some(1)), (4, Some(3))] {
+            for (octaves, offset) in [(0, false), (2, false), (1, true)] {
+                for activation in ACTIVATIONS {
+                    let field = field(config(depth, skip, octaves, activation), offset, depth as u64);
+                    for n in 1..12 {
+                        let x = points(n, n as u64);
+                        let d = FieldValues {
+                            sdf: normal(&[n, 1], 1),
+                            gradient: normal(&[n, 3], 2),
+                            offset: offset.then(|| normal(&[n, 3], 3)),
+                        };
+                        let mut pass = FieldPass::new();
+                        let values = pass.forward(&field, &x, &Pool::default());
+                        let gradients = pass.backward(&field, &d);
+                        let found = [Some(values.sdf), Some(values.gradient), values.offset];
+                        let found: Vec<Tensor> = found.into_iter().chain(gradients).flatten().collect();
+                        let want = twin(&field, &x, &d);
+                        assert_eq!(found.len(), want.len());
+                        for (a, b) in found.iter().zip(&want) {
+                            assert_eq!(a.shape(), b.shape());
+                            let scale = b.data().iter().fold(1.0f32, |m, x| m.max(x.abs()));
+                            let off = a.data().iter().zip(b.data()).map(|(a, b)| (a - b).abs());
+                            assert!(off.fold(0.0, f32::max) < 2e-5 * scale, "{depth} {skip:?} {octaves} {n}");
+                        }
+                        assert_eq!(field.sdf(&x), found[0].data());
+                        assert_eq!(field.gradient(&x).as_flattened(), found[1].data());
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn no_points_are_no_values() {
+        let field = field(config(2, None, 1, ACTIVATIONS[0]), false, 1);
+        assert!(field.sdf(&[]).is_empty() && field.gradient(&[]).is_empty());
+        let values = FieldPass::new().forward(&field, &[], &Pool::default());
+        assert_eq!((values.sdf.rows(), values.gradient.rows()), (0, 0));
+    }
+}
