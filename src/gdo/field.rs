@@ -5,7 +5,7 @@
 //! by the activation's slope, then by the transposed weight) puts grad g on the tape; pulling back through that is
 //! an ordinary backward pass, and no higher-order tape is needed.
 
-use super::network::{Block, Outputs, Scratch};
+use super::network::{Block, Network, Outputs, Scratch, Weights};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, ParamId, Params};
 use crate::tensor::Tensor;
@@ -292,10 +292,11 @@ impl Field {
         let mut out = vec![0.0; points.len()];
         let rows = self.block_rows();
         let task = rows * BLOCKS_PER_TASK;
+        let network = Network { field: self, weights: &Weights::straight(self) };
         out.par_chunks_mut(task).zip(points.par_chunks(task)).for_each(|(out, points)| {
             let (mut block, mut scratch) = <(Block, Scratch)>::default();
             for (out, points) in out.chunks_mut(rows).zip(points.chunks(rows)) {
-                block.sdf(self, points, &mut scratch, out);
+                block.sdf(network, points, &mut scratch, out);
             }
         });
         out
@@ -306,13 +307,16 @@ impl Field {
         let mut out = vec![[0.0; 3]; points.len()];
         let rows = self.block_rows();
         let task = rows * BLOCKS_PER_TASK;
+        let mut weights = Weights::default();
+        weights.fill(self);
+        let network = Network { field: self, weights: &weights };
         out.par_chunks_mut(task).zip(points.par_chunks(task)).for_each(|(out, points)| {
             let (mut block, mut scratch) = <(Block, Scratch)>::default();
             let mut sdf = vec![0.0; rows];
             for (out, points) in out.chunks_mut(rows).zip(points.chunks(rows)) {
                 let (sdf, gradient) = (&mut sdf[..points.len()], out.as_flattened_mut());
                 let mut values = Outputs { sdf, gradient, offset: None };
-                block.forward(self, points, &mut scratch, Some(&mut values));
+                block.forward(network, points, &mut scratch, Some(&mut values));
             }
         });
         out

@@ -11,7 +11,9 @@
 //! six products a layer.
 
 use super::field::{Activation, Field, FieldConfig};
-use crate::tensor::{MatRef, add_row_sums, gemm, kernel, sin_cos_slice, softplus_sigmoid};
+use crate::tensor::{
+    MatRef, Panels, add_row_sums, gemm, gemm_panels, kernel, sin_cos_slice, softplus_sigmoid,
+};
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
 
@@ -88,6 +90,45 @@ pub(super) struct Seeds<'a> {
     pub gradient: &'a [f32],
     /// At the displacement, n x 3, if the field has one.
     pub offset: Option<&'a [f32]>,
+}
+
+/// The hidden layers' weights as the products want them.
+#[derive(Default)]
+pub(super) struct Weights {
+    straight: Vec<Panels>,
+    transposed: Vec<Panels>,
+}
+
+impl Weights {
+    /// Those of a field, for values alone.
+    pub(super) fn straight(field: &Field) -> Self {
+        let mut weights = Weights::default();
+        weights.fill_straight(field);
+        weights
+    }
+
+    fn fill_straight(&mut self, field: &Field) {
+        let depth = field.config().depth;
+        self.straight.resize_with(depth, Panels::default);
+        self.straight.iter_mut().enumerate().for_each(|(l, w)| w.fill(MatRef::of(field.layer(l).0)));
+    }
+
+    /// Takes over those of a field.
+    pub(super) fn fill(&mut self, field: &Field) {
+        self.fill_straight(field);
+        self.transposed.resize_with(field.config().depth, Panels::default);
+        let each = self.transposed.iter_mut().enumerate();
+        each.for_each(|(l, w)| w.fill(MatRef::of(field.layer(l).0).t()));
+    }
+}
+
+/// A field with its weights prepared.
+#[derive(Clone, Copy)]
+pub(super) struct Network<'a> {
+    /// Its shape, biases and last layer.
+    pub field: &'a Field,
+    /// The weights of its hidden layers.
+    pub weights: &'a Weights,
 }
 
 /// What the forward half keeps of a block for the way back.
@@ -212,7 +253,8 @@ impl Block {
     }
 
     /// The layers up to the outputs (n x 1, or n x 4 with a displacement), which are left in the scratch memory.
-    fn layers(&mut self, field: &Field, points: &[[f32; 3]], scratch: &mut Scratch) {
+    fn layers(&mut self, network: Network<'_>, points: &[[f32; 3]], scratch: &mut Scratch) {
+        let Network { field, weights } = network;
         let config = field.config();
         let (n, c, e) = (points.len(), config.width, config.encoding_cols());
         self.rows = n;
@@ -232,7 +274,7 @@ impl Block {
                 Some(last) => &last.out[..n * c],
             };
             let (out, slope) = (room(out, n * c), room(slope, n * c));
-            gemm(out, c, 0.0, mat(input, n, weight.rows()), MatRef::of(weight));
+            gemm_panels(out, c, false, mat(input, n, weight.rows()), &weights.straight[l]);
             match config.activation {
                 Activation::Softplus { beta } => softplus_rows(out, slope, bias.data(), beta),
                 Activation::Relu => relu_rows(out, slope, bias.data()),
@@ -241,15 +283,22 @@ impl Block {
         let (weight, bias) = field.layer(config.depth);
         let outputs = room(&mut scratch.outputs, n * weight.cols());
         let last = &self.hidden[config.depth - 1].out[..n * c];
-        gemm(outputs, weight.cols(), 0.0, mat(last, n, c), MatRef::of(weight));
+        gemm(outputs, weight.cols(), false, mat(last, n, c), MatRef::of(weight));
         for row in outputs.chunks_exact_mut(weight.cols()) {
             row.iter_mut().zip(bias.data()).for_each(|(o, b)| *o += b);
         }
     }
 
     /// g alone at n points.
-    pub(super) fn sdf(&mut self, field: &Field, points: &[[f32; 3]], scratch: &mut Scratch, out: &mut [f32]) {
-        self.layers(field, points, scratch);
+    pub(super) fn sdf(
+        &mut self,
+        network: Network<'_>,
+        points: &[[f32; 3]],
+        scratch: &mut Scratch,
+        out: &mut [f32],
+    ) {
+        self.layers(network, points, scratch);
+        let field = network.field;
         let outputs = field.layer(field.config().depth).0.cols();
         copy_columns(out, 1, &scratch.outputs, outputs, 0, 1.0);
     }
@@ -257,12 +306,13 @@ impl Block {
     /// What the way back needs at n points (working frame), and all values there if asked for.
     pub(super) fn forward(
         &mut self,
-        field: &Field,
+        network: Network<'_>,
         points: &[[f32; 3]],
         scratch: &mut Scratch,
         values: Option<&mut Outputs<'_>>,
     ) {
-        self.layers(field, points, scratch);
+        self.layers(network, points, scratch);
+        let Network { field, weights } = network;
         let config = field.config();
         let (n, c, e) = (self.rows, config.width, config.encoding_cols());
         let outputs = field.layer(config.depth).0.cols();
@@ -279,18 +329,18 @@ impl Block {
             let (below, rest) = self.hidden.split_at_mut(l);
             let through = room(through, n * c);
             multiply(through, &rest[0].slope, &rest[0].adjoint);
-            let (weight, _) = field.layer(l);
             let through = mat(through, n, c);
+            let transposed = &weights.transposed[l];
             match below.last_mut() {
-                None => gemm(at_encoding, e, 1.0, through, MatRef::of(weight).t()),
+                None => gemm_panels(at_encoding, e, true, through, transposed),
                 Some(below) if Some(l) == config.skip => {
                     let wide = room(wide, n * (c + e));
-                    gemm(wide, c + e, 0.0, through, MatRef::of(weight).t());
+                    gemm_panels(wide, c + e, false, through, transposed);
                     copy_columns(room(&mut below.adjoint, n * c), c, wide, c + e, 0, FRAC_1_SQRT_2);
                     copy_columns(at_encoding, e, wide, c + e, c, FRAC_1_SQRT_2);
                 }
                 Some(below) => {
-                    gemm(room(&mut below.adjoint, n * c), c, 0.0, through, MatRef::of(weight).t());
+                    gemm_panels(room(&mut below.adjoint, n * c), c, false, through, transposed);
                 }
             }
         }
@@ -316,11 +366,12 @@ impl Block {
     /// and bias of layer after layer. Can be called once for each forward half.
     pub(super) fn backward(
         &mut self,
-        field: &Field,
+        network: Network<'_>,
         scratch: &mut Scratch,
         seeds: Seeds<'_>,
         total: &mut [f32],
     ) {
+        let Network { field, weights } = network;
         let config = field.config();
         let (n, c, e) = (self.rows, config.width, config.encoding_cols());
         let beta = match config.activation {
@@ -344,8 +395,7 @@ impl Block {
         for l in 0..config.depth {
             let Hidden { slope, adjoint, .. } = &mut self.hidden[l];
             let (slope, adjoint) = (&slope[..n * c], &mut adjoint[..n * c]);
-            let (weight, _) = field.layer(l);
-            let from = weight.rows();
+            let from = field.layer(l).0.rows();
             let through = room(through, n * c);
             multiply(through, slope, adjoint);
             let d_input = if l == 0 {
@@ -358,9 +408,9 @@ impl Block {
                 mat(d, n, c)
             };
             let through = mat(through, n, c);
-            gemm(&mut total[places(field, l).0], c, 1.0, d_input.t(), through);
+            gemm(&mut total[places(field, l).0], c, true, d_input.t(), through);
             let d_through = room(next, n * c);
-            gemm(d_through, c, 0.0, d_input, MatRef::of(weight));
+            gemm_panels(d_through, c, false, d_input, &weights.straight[l]);
             back_through_slope(d_through, adjoint, slope, beta);
             std::mem::swap(&mut d, &mut next);
         }
@@ -382,12 +432,11 @@ impl Block {
         }
         add_row_sums(&mut total[db], at_outputs);
         let at_outputs = mat(at_outputs, n, outputs);
-        gemm(&mut total[dw], outputs, 1.0, mat(&self.hidden[config.depth - 1].out, n, c).t(), at_outputs);
-        gemm(room(d, n * c), c, 0.0, at_outputs, MatRef::of(last).t());
+        gemm(&mut total[dw], outputs, true, mat(&self.hidden[config.depth - 1].out, n, c).t(), at_outputs);
+        gemm(room(d, n * c), c, false, at_outputs, MatRef::of(last).t());
         for l in (0..config.depth).rev() {
             let Hidden { slope, adjoint, .. } = &self.hidden[l];
-            let (weight, _) = field.layer(l);
-            let from = weight.rows();
+            let from = field.layer(l).0.rows();
             let (dw, db) = places(field, l);
             back_through_activation(&mut d[..n * c], slope, adjoint, &mut total[db]);
             let input = match l {
@@ -396,16 +445,16 @@ impl Block {
                 _ => &self.hidden[l - 1].out,
             };
             let dz = mat(d, n, c);
-            gemm(&mut total[dw], c, 1.0, mat(input, n, from).t(), dz);
+            gemm(&mut total[dw], c, true, mat(input, n, from).t(), dz);
             if l == 0 {
                 break;
             }
             if Some(l) == config.skip {
                 let joined = room(joined, n * from);
-                gemm(joined, from, 0.0, dz, MatRef::of(weight).t());
+                gemm_panels(joined, from, false, dz, &weights.transposed[l]);
                 copy_columns(room(next, n * c), c, joined, from, 0, FRAC_1_SQRT_2);
             } else {
-                gemm(room(next, n * c), c, 0.0, dz, MatRef::of(weight).t());
+                gemm_panels(room(next, n * c), c, false, dz, &weights.transposed[l]);
             }
             std::mem::swap(&mut d, &mut next);
         }

@@ -1,7 +1,7 @@
 //! The field over many vertices at once, on several threads and in bounded memory.
 
 use super::field::Field;
-use super::network::{Block, Outputs, Scratch, Seeds};
+use super::network::{Block, Network, Outputs, Scratch, Seeds, Weights};
 use crate::tensor::{Pool, Tensor, add_row_sums};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
@@ -39,6 +39,8 @@ pub struct FieldPass {
     limit: Option<usize>,
     /// Parameter gradients of the blocks of a wave, all parameters in one row.
     gradients: Vec<Vec<f32>>,
+    /// Of the field of the last forward pass.
+    weights: Weights,
     scratch: Mutex<Vec<Scratch>>,
 }
 
@@ -78,12 +80,14 @@ impl FieldPass {
             })
             .collect();
         let (kept, rest) = parts.split_at_mut(self.kept);
+        self.weights.fill(field);
+        let network = Network { field, weights: &self.weights };
         let scratch = &self.scratch;
         kept.par_iter_mut().zip(&mut self.blocks).for_each(|((verts, values), block)| {
-            with(scratch, |scratch| block.forward(field, verts, scratch, Some(values)));
+            with(scratch, |scratch| block.forward(network, verts, scratch, Some(values)));
         });
         rest.par_iter_mut().for_each_init(Block::default, |block, (verts, values)| {
-            with(scratch, |scratch| block.forward(field, verts, scratch, Some(values)));
+            with(scratch, |scratch| block.forward(network, verts, scratch, Some(values)));
         });
         values
     }
@@ -109,7 +113,8 @@ impl FieldPass {
         if self.gradients.len() < WAVE.min(waves) {
             self.gradients.resize_with(WAVE.min(waves), Vec::new);
         }
-        let FieldPass { blocks, verts, kept, gradients, scratch, .. } = self;
+        let FieldPass { blocks, verts, kept, gradients, scratch, weights, .. } = self;
+        let network = Network { field, weights };
         let (kept_blocks, scratch) = (&mut blocks[..*kept], &*scratch);
         let clear = |gradient: &mut Vec<f32>| {
             gradient.clear();
@@ -120,7 +125,7 @@ impl FieldPass {
             blocks.par_iter_mut().zip(&mut *gradients).enumerate().for_each(|(i, (block, gradient))| {
                 clear(gradient);
                 let seeds = seeds_of(d, (wave * WAVE + i) * rows, rows);
-                with(scratch, |scratch| block.backward(field, scratch, seeds, gradient));
+                with(scratch, |scratch| block.backward(network, scratch, seeds, gradient));
             });
             fold(&mut total, gradients);
         }
@@ -133,8 +138,8 @@ impl FieldPass {
                 clear(gradient);
                 let seeds = seeds_of(d, first + i * rows, rows);
                 with(scratch, |scratch| {
-                    block.forward(field, verts, scratch, None);
-                    block.backward(field, scratch, seeds, gradient);
+                    block.forward(network, verts, scratch, None);
+                    block.backward(network, scratch, seeds, gradient);
                 });
             });
             fold(&mut total, gradients);

@@ -54,7 +54,7 @@ impl Op<2> for Weights {
         let (n, m) = (q.rows(), k.rows());
         let mut w = q.dirty(&[self.heads * n, m]);
         for (h, out) in w.data_mut().chunks_exact_mut((n * m).max(1)).enumerate() {
-            gemm(out, m, 0.0, head(q, h, self.heads), head(k, h, self.heads).t());
+            gemm(out, m, false, head(q, h, self.heads), head(k, h, self.heads).t());
         }
         let scale = scale_of(q.cols(), self.heads);
         map_rows(w.data_mut(), m, |_, piece| {
@@ -80,10 +80,10 @@ impl Op<2> for Weights {
                 });
                 let ds = MatRef::of(&ds);
                 if let Some(dq) = &mut dq {
-                    gemm(&mut dq.data_mut()[h * width..], c, 0.0, ds, head(k, h, self.heads));
+                    gemm(&mut dq.data_mut()[h * width..], c, false, ds, head(k, h, self.heads));
                 }
                 if let Some(dk) = &mut dk {
-                    gemm(&mut dk.data_mut()[h * width..], c, 0.0, ds.t(), head(q, h, self.heads));
+                    gemm(&mut dk.data_mut()[h * width..], c, false, ds.t(), head(q, h, self.heads));
                 }
             }
         }
@@ -119,7 +119,7 @@ impl Op<2> for Average {
         if !y.is_empty() {
             for h in 0..self.heads {
                 let out = &mut y.data_mut()[h * (d / self.heads)..];
-                gemm(out, d, 0.0, self.weights_of(w, h), head(v, h, self.heads));
+                gemm(out, d, false, self.weights_of(w, h), head(v, h, self.heads));
             }
         }
         (y, ())
@@ -130,7 +130,7 @@ impl Op<2> for Average {
         let dw = at.needs[0].then(|| {
             let mut dw = dy.dirty(w.dims());
             for (h, out) in dw.data_mut().chunks_exact_mut((n * m).max(1)).enumerate() {
-                gemm(out, m, 0.0, head(dy, h, self.heads), head(v, h, self.heads).t());
+                gemm(out, m, false, head(dy, h, self.heads), head(v, h, self.heads).t());
             }
             dw
         });
@@ -139,7 +139,7 @@ impl Op<2> for Average {
             if !dv.is_empty() && n > 0 {
                 for h in 0..self.heads {
                     let out = &mut dv.data_mut()[h * (d / self.heads)..];
-                    gemm(out, d, 0.0, self.weights_of(w, h).t(), head(dy, h, self.heads));
+                    gemm(out, d, false, self.weights_of(w, h).t(), head(dy, h, self.heads));
                 }
             }
             dv

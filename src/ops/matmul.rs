@@ -52,7 +52,7 @@ impl Op<3> for Linear {
                 row.copy_from_slice(b.data());
             }
         });
-        gemm(y.data_mut(), c, 1.0, MatRef::of(x), MatRef::of(w));
+        gemm(y.data_mut(), c, true, MatRef::of(x), MatRef::of(w));
         (y, ())
     }
     fn vjp(&self, at: At<'_, 3, ()>, dy: &Tensor) -> [Option<Tensor>; 3] {

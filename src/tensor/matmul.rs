@@ -1,20 +1,24 @@
 //! Matrix products in all transposed forms.
 //!
-//! Full shapes go to nalgebra's `gemm`, which reaches the packed kernels of `matrixmultiply`; thin ones (a side of at
-//! most [`THIN`]) have loops of their own, because packing costs more than it saves there. Large products are split
-//! into row blocks over rayon; the split depends on the shape alone.
+//! The right side is copied into panels of a few columns, the left side is read as it lies, and the sums of a small
+//! tile of the result stay in registers while k runs. Thin products (a side of a few rows or columns) have loops of
+//! their own. Every value of the result is summed in the same order however the work is split, so large products are split
+//! into row blocks over rayon freely.
 
-use super::simd::kernel;
+use super::simd::{Left, Target, kernel, multiply_panel, panel_width};
 use super::{Tensor, dot};
-use nalgebra::{DMatrixView, DMatrixViewMut, Dyn};
 use rayon::prelude::*;
 
-/// A side of at most this many takes a thin path.
+/// A left or inner side of at most this many takes a thin path.
 const THIN: usize = 5;
-/// Rows of the result a thread works on at a time.
-const BLOCK: usize = 256;
+/// So does a right side of at most this many columns: a panel would be mostly zeros.
+const THIN_RIGHT: usize = 2;
+/// Rows of the left side that a panel covers: a panel of so many rows stays in the first-level cache.
+const DEPTH: usize = 256;
+/// Rows of the result that a thread works on at a time; whole tiles for every instruction set.
+const BLOCK: usize = 96;
 /// Multiply-adds below which a product stays on the calling thread.
-const PARALLEL_MIN: usize = 1 << 22;
+const PARALLEL_MIN: usize = 1 << 21;
 
 /// A matrix with strides, seen in a slice.
 #[derive(Clone, Copy)]
@@ -48,17 +52,93 @@ impl<'a> MatRef<'a> {
         }
     }
 
-    fn skip_rows(self, first: usize, rows: usize) -> Self {
-        MatRef { data: &self.data[first * self.row_stride..], rows, ..self }
+    /// k rows of columns that start at `first`.
+    fn left(self, first_row: usize, rows: usize, first_col: usize, cols: usize) -> Left<'a> {
+        let start = first_row * self.row_stride + first_col * self.col_stride;
+        let MatRef { data, row_stride, col_stride, .. } = self;
+        Left { data: &data[start..], rows, cols, row_stride, col_stride }
     }
 }
 
-/// out = beta out + a b, where `out` has a.rows rows of b.cols values, `stride` apart.
+/// The right side of products, k x n, in panels: for each block of [`DEPTH`] rows, panel after panel of the columns,
+/// each row by row and filled up with zeros.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Panels {
+    data: Vec<f32>,
+    rows: usize,
+    cols: usize,
+}
+
+impl Panels {
+    /// The panels of a matrix.
+    pub(crate) fn of(b: MatRef<'_>) -> Self {
+        let mut panels = Panels::default();
+        panels.fill(b);
+        panels
+    }
+
+    /// The panels of another matrix, in the same memory.
+    pub(crate) fn fill(&mut self, b: MatRef<'_>) {
+        let width = panel_width();
+        (self.rows, self.cols) = (b.rows, b.cols);
+        self.data.clear();
+        self.data.reserve(b.rows * b.cols.next_multiple_of(width));
+        for first in (0..b.rows).step_by(DEPTH) {
+            let rows = first..b.rows.min(first + DEPTH);
+            for column in (0..b.cols).step_by(width) {
+                let cols = width.min(b.cols - column);
+                if b.col_stride == 1 {
+                    for l in rows.clone() {
+                        self.data.extend_from_slice(&b.data[l * b.row_stride + column..][..cols]);
+                        self.data.extend(std::iter::repeat_n(0.0, width - cols));
+                    }
+                } else {
+                    let start = self.data.len();
+                    self.data.resize(start + rows.len() * width, 0.0);
+                    let panel = &mut self.data[start..];
+                    for j in 0..cols {
+                        let from = &b.data[(column + j) * b.col_stride..];
+                        for (l, to) in rows.clone().zip(panel[j..].iter_mut().step_by(width)) {
+                            *to = from[l * b.row_stride];
+                        }
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// out (+)= a b, where `out` has a.rows rows of b.cols values, `stride` apart.
 ///
 /// # Panics
 /// If the inner sides differ or `out` is too short.
 #[track_caller]
-pub(crate) fn gemm(out: &mut [f32], stride: usize, beta: f32, a: MatRef<'_>, b: MatRef<'_>) {
+pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>) {
+    let (m, k, n) = (a.rows, a.cols, b.cols);
+    assert!(k == b.rows, "matmul: [{m}x{k}] and [{}x{n}]", b.rows);
+    if m == 0 || n == 0 {
+        return;
+    }
+    assert!(out.len() >= (m - 1) * stride + n, "matmul: result of {} values for [{m}x{n}]", out.len());
+    if k == 0 || m <= THIN || k <= THIN || n <= thin_right(a) {
+        thin(out, stride, add, a, b);
+    } else {
+        gemm_panels(out, stride, add, a, &Panels::of(b));
+    }
+}
+
+/// Columns up to which the right side of a product with `a` takes a thin path: a transposed left side goes well with
+/// whole rows of the transposed result.
+fn thin_right(a: MatRef<'_>) -> usize {
+    if a.row_stride == 1 { THIN } else { THIN_RIGHT }
+}
+
+/// [`gemm`] with a right side that has been put into panels before.
+///
+/// # Panics
+/// As [`gemm`].
+#[track_caller]
+pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: &Panels) {
     let (m, k, n) = (a.rows, a.cols, b.cols);
     assert!(k == b.rows, "matmul: [{m}x{k}] and [{}x{n}]", b.rows);
     if m == 0 || n == 0 {
@@ -66,49 +146,46 @@ pub(crate) fn gemm(out: &mut [f32], stride: usize, beta: f32, a: MatRef<'_>, b: 
     }
     assert!(out.len() >= (m - 1) * stride + n, "matmul: result of {} values for [{m}x{n}]", out.len());
     if m * n * k < PARALLEL_MIN || m < 2 * BLOCK {
-        gemm_block(out, stride, beta, a, b);
+        gemm_rows(out, stride, add, a, 0, m, b);
     } else {
         out.par_chunks_mut(BLOCK * stride).enumerate().for_each(|(i, piece)| {
             let first = i * BLOCK;
             if first < m {
-                let rows = BLOCK.min(m - first);
-                gemm_block(piece, stride, beta, a.skip_rows(first, rows), b);
+                gemm_rows(piece, stride, add, a, first, BLOCK.min(m - first), b);
             }
         });
     }
 }
 
-/// One block on the calling thread.
-fn gemm_block(out: &mut [f32], stride: usize, beta: f32, a: MatRef<'_>, b: MatRef<'_>) {
-    let (m, k, n) = (a.rows, a.cols, b.cols);
-    if k == 0 || m <= THIN || k <= THIN || n <= THIN {
-        return thin(out, stride, beta, a, b);
+/// Some rows of the product on the calling thread.
+fn gemm_rows(
+    out: &mut [f32],
+    stride: usize,
+    add: bool,
+    a: MatRef<'_>,
+    first: usize,
+    rows: usize,
+    b: &Panels,
+) {
+    let panel_cols = panel_width();
+    let mut rest = &b.data[..];
+    for depth in (0..b.rows).step_by(DEPTH) {
+        let cols = DEPTH.min(b.rows - depth);
+        for column in (0..b.cols).step_by(panel_cols) {
+            let (panel, after) = rest.split_at(cols * panel_cols);
+            rest = after;
+            let width = panel_cols.min(b.cols - column);
+            let target = Target { data: &mut out[column..], width, stride, add: add || depth > 0 };
+            multiply_panel(target, a.left(first, rows, depth, cols), panel);
+        }
     }
-    let a = DMatrixView::from_slice_with_strides_generic(
-        a.data,
-        Dyn(m),
-        Dyn(k),
-        Dyn(a.row_stride),
-        Dyn(a.col_stride),
-    );
-    let b = DMatrixView::from_slice_with_strides_generic(
-        b.data,
-        Dyn(k),
-        Dyn(n),
-        Dyn(b.row_stride),
-        Dyn(b.col_stride),
-    );
-    let mut c = DMatrixViewMut::from_slice_with_strides_generic(out, Dyn(m), Dyn(n), Dyn(stride), Dyn(1));
-    c.gemm(1.0, &a, &b, beta);
 }
 
-/// Products with a side of at most [`THIN`], as sums of scaled rows or as dot products.
-fn thin(out: &mut [f32], stride: usize, beta: f32, a: MatRef<'_>, b: MatRef<'_>) {
+/// Products with a thin side, as sums of scaled rows or as dot products.
+fn thin(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>) {
     let (m, k, n) = (a.rows, a.cols, b.cols);
-    for row in out.chunks_mut(stride).take(m) {
-        for o in &mut row[..n] {
-            *o = if beta == 0.0 { 0.0 } else { *o * beta };
-        }
+    if !add {
+        out.chunks_mut(stride).take(m).for_each(|row| row[..n].fill(0.0));
     }
     if n <= THIN && a.col_stride == 1 && k > THIN {
         // Few columns: one dot product a value, over a contiguous copy of each column of b.
@@ -119,6 +196,13 @@ fn thin(out: &mut [f32], stride: usize, beta: f32, a: MatRef<'_>, b: MatRef<'_>)
             for (o, c) in row[..n].iter_mut().zip(columns.chunks_exact(k)) {
                 *o += dot(x, c);
             }
+        }
+    } else if n <= THIN && a.row_stride == 1 && m > THIN {
+        // The transposed product has long rows: n x m = b^T a^T.
+        let mut turned = vec![0.0; n * m];
+        thin_axpy(&mut turned, m, b.t(), a.t());
+        for (i, row) in out.chunks_mut(stride).take(m).enumerate() {
+            row[..n].iter_mut().zip(turned[i..].iter().step_by(m)).for_each(|(o, t)| *o += t);
         }
     } else if b.col_stride == 1 {
         thin_axpy(out, stride, a, b);
@@ -162,7 +246,7 @@ kernel! {
 #[track_caller]
 fn product(like: &Tensor, a: MatRef<'_>, b: MatRef<'_>) -> Tensor {
     let mut out = like.dirty(&[a.rows, b.cols]);
-    gemm(out.data_mut(), b.cols, 0.0, a, b);
+    gemm(out.data_mut(), b.cols, false, a, b);
     out
 }
 
@@ -256,7 +340,7 @@ mod tests {
         let (a, b) = (filled(9, 7, 0.0), filled(7, 8, 0.5));
         let truth = naive(&a, &b);
         let mut out = vec![1.0; 9 * 20];
-        gemm(&mut out, 20, 1.0, MatRef::of(&a), MatRef::of(&b));
+        gemm(&mut out, 20, true, MatRef::of(&a), MatRef::of(&b));
         for i in 0..9 {
             for j in 0..20 {
                 let t = if j < 8 { truth[i * 8 + j] + 1.0 } else { 1.0 };

@@ -15,9 +15,10 @@ mod simd;
 pub use buffer::Pool;
 pub(crate) use elementwise::{map, map_rows, map2};
 pub(crate) use math::{
-    exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice, tanh_slice,
+    exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice,
+    tanh_slice,
 };
-pub(crate) use matmul::{MatRef, gemm};
+pub(crate) use matmul::{MatRef, Panels, gemm, gemm_panels};
 pub use matmul::{matmul, matmul_nt, matmul_tn, matmul_tt};
 pub(crate) use reduce::{add_row_sums, dot, lane_axpy, lane_dot, lane_max, lane_sum, sum_f64};
 pub(crate) use rows::{gather_rows, scatter_add_rows};
