@@ -19,9 +19,9 @@ fn active(c: &mut Criterion) {
     for resolution in [32, 64] {
         let grid = grid(resolution);
         c.bench_function(&format!("active set {resolution}"), |bench| {
-            bench.iter(|| active_set(&grid, &mut eval, &[], 1).expect("a torus"));
+            bench.iter(|| active_set(&grid, &mut eval, &NarrowBandOptions::default(), 1).expect("a torus"));
         });
-        let set = active_set(&grid, &mut eval, &[], 1).expect("a torus");
+        let set = active_set(&grid, &mut eval, &NarrowBandOptions::default(), 1).expect("a torus");
         c.bench_function(&format!("band topology {resolution}"), |bench| bench.iter(|| set.topology()));
         let (topology, mut iso) = (set.topology(), Isosurface::default());
         let inside: Vec<bool> = set.values.iter().map(|&v| v < 0.0).collect();

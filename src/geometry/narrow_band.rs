@@ -87,7 +87,7 @@ pub fn extract(
 
 /// The vertices and tetrahedra of all cubes with a sign change and of `rings` rings of cubes around them.
 ///
-/// The same search as [`extract`] with default options and these seeds (n x 3).
+/// The same search as [`extract`].
 ///
 /// # Errors
 ///
@@ -100,10 +100,10 @@ pub fn extract(
 pub fn active_set(
     grid: &TetGrid,
     eval: &mut FieldFn<'_>,
-    seeds: &[[f32; 3]],
+    options: &NarrowBandOptions<'_>,
     rings: usize,
 ) -> Result<ActiveSet, Error> {
-    let mut level = find_surface(grid, eval, &NarrowBandOptions { seeds, ..Default::default() })?;
+    let mut level = find_surface(grid, eval, options)?;
     let cubes = level.dilated(rings);
     level.fill(&cubes, eval)?;
     Ok(level.collect(&cubes, false))
@@ -315,7 +315,7 @@ mod tests {
             let field = blob_field(blobs);
             let (values, mesh) = dense(&grid, &field);
             let mut eval = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| field(p)).collect());
-            let Ok(set) = active_set(&grid, &mut eval, &[], rings) else {
+            let Ok(set) = active_set(&grid, &mut eval, &NarrowBandOptions::default(), rings) else {
                 prop_assert!(mesh.faces.is_empty());
                 return Ok(());
             };

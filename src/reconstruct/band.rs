@@ -5,7 +5,7 @@ use super::step::Sampled;
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
 use crate::gdo::FieldPass;
-use crate::geometry::{BandTopology, Isosurface, TetGrid, active_set};
+use crate::geometry::{BandTopology, Isosurface, NarrowBandOptions, TetGrid, active_set};
 
 /// What steps work with and nothing outlives them for.
 #[derive(Default)]
@@ -64,7 +64,13 @@ impl Trainer {
         let grid = TetGrid::working_frame(resolution)?;
         let field = &self.field;
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
-        let active = active_set(&grid, &mut eval, &self.cloud, self.config.band.rings)?;
+        // What lies near the cloud is found at the full resolution anyway; elsewhere parts of two cubes are enough.
+        let options = NarrowBandOptions {
+            coarse_resolution: (resolution / 2).max(1),
+            seeds: &self.cloud,
+            ..Default::default()
+        };
+        let active = active_set(&grid, &mut eval, &options, self.config.band.rings)?;
         let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
         self.work.band = Some(Band {
             resolution,
