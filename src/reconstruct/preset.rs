@@ -72,7 +72,8 @@ impl Default for Config {
     }
 }
 
-/// The terms and weights of the paper; what it leaves open (rates, steps, the grid) as usual for its kind.
+/// The terms and weights of the paper. It leaves the rates, the steps and the grid open; these keep a run at a few
+/// minutes.
 fn paper() -> Config {
     Config {
         field: FieldConfig {
@@ -90,9 +91,9 @@ fn paper() -> Config {
         start: Start { shape: StartShape::Sphere, ..default().start },
         target: Target::Surface,
         weights: Weights { para: 10.0, deform: 1.0, surf: 0.01, ..NO_WEIGHTS },
-        stages: vec![Stage { resolution: 32, steps: 1000 }],
-        field_rate: Schedule { base: 3e-4, warmup: 100, decay: Decay::Cosine { floor: 0.05 } },
-        bsp_rate: Schedule { base: 1e-3, warmup: 100, decay: Decay::Cosine { floor: 0.05 } },
+        stages: vec![Stage { resolution: 24, steps: 400 }],
+        field_rate: Schedule { base: 5e-4, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
+        bsp_rate: Schedule { base: 1e-3, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
         min_component: 0.0,
         ..default()
     }
