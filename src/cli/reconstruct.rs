@@ -166,6 +166,7 @@ pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object 
     });
     json.count("steps", trained.steps)
         .count("total_steps", trained.total)
+        .raw("phase", trained.last.map_or("null".to_string(), |r| format!("\"{}\"", r.phase)))
         .text("ended", if trained.timed_out { "time-limit" } else { "done" })
         .raw("losses", losses)
         .raw("mesh", topology_json(topology))
