@@ -17,12 +17,17 @@ const BATCH: usize = 2048;
 /// Weight of |grad g - n|^2 beside |g - d|.
 const NORMAL_WEIGHT: f32 = 0.01;
 
-/// Cubes along each side of the grid that the Gauss formula's surface is taken from.
-const GAUSS_RESOLUTION: usize = 48;
+/// Cubes along each side of the grid that the Gauss formula's surface is taken from, for up to so many points.
+const GAUSS_RESOLUTION: (usize, usize) = (48, 1024);
+/// The same for larger clouds. Sheets that are thin against the cubes come out in shreds: from a room of 2,169 points
+/// and a street of 14,623 the mean distance to the surface was 0.0075 and 0.0046 of the longest side on 48 cubes,
+/// 0.0029 and 0.0019 on 96.
+const GAUSS_FINE_RESOLUTION: usize = 96;
 /// Parts of that surface below this share of the largest one's area are left out.
 const GAUSS_MIN_PART: f64 = 0.02;
 
-/// The surface that the parametric Gauss formula finds among `points` (n x 3, working frame), without its small parts.
+/// The surface that the parametric Gauss formula finds among `points` (n x 3, working frame), without its small parts;
+/// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more.
 ///
 /// `width`, `regularity` and `seed` are those of [`GaussField::fit`].
 ///
@@ -35,7 +40,8 @@ pub fn gauss_shape(
     seed: u64,
 ) -> Result<TriangleMesh, Error> {
     let gauss = GaussField::fit(points, width, regularity, seed)?;
-    let grid = TetGrid::working_frame(GAUSS_RESOLUTION)?;
+    let (coarse, few) = GAUSS_RESOLUTION;
+    let grid = TetGrid::working_frame(if points.len() <= few { coarse } else { GAUSS_FINE_RESOLUTION })?;
     let mut eval = |x: &[[f32; 3]]| Ok(gauss.sdf(x));
     let options = NarrowBandOptions { seeds: points, ..Default::default() };
     let mesh = extract(&grid, &mut eval, &options).map_err(|e| {

@@ -28,8 +28,9 @@ pub struct StepReport {
     pub phase: Phase,
     /// Cubes along each side of the grid; 0 before the training proper.
     pub resolution: usize,
-    /// What the step made smaller: the weighted sum of all terms in the training proper, L_para in the pretraining, and
-    /// the mean distance of the field from its first shape's (with a small multiple of the gradient's) in the start.
+    /// What the step made smaller: the weighted sum of all terms in the training proper, L_para in the pretraining,
+    /// and the mean difference between the field and the distance to its first shape (with a small multiple of that
+    /// of their gradients) in the start.
     pub loss: f32,
     /// L_para; 0 in steps that do not train the parameterization.
     pub para: f32,
@@ -51,8 +52,8 @@ pub struct StepReport {
     pub field_rate: f32,
     /// Learning rate of the parameterization; 0 in steps of the start.
     pub bsp_rate: f32,
-    /// Length of the gradient, before it was clipped: that of the parameterization in the pretraining, otherwise that of
-    /// the field.
+    /// Length of the gradient, before it was clipped: that of the parameterization in the pretraining, otherwise that
+    /// of the field.
     pub gradient_norm: f64,
     /// Grid vertices that the step worked on.
     pub active_verts: usize,

@@ -482,7 +482,7 @@ fn each_phase_learns_what_it_is_for() {
         let start = report.phase == Phase::Start;
         assert_eq!(same(&field, trainer.field.params()), !start);
         assert_eq!(same(&map.unwrap(), trainer.map.as_ref().unwrap().params()), start);
-        assert!((report.field_rate > 0.0) == start && (report.bsp_rate > 0.0) == !start);
+        assert_eq!((report.field_rate > 0.0, report.bsp_rate > 0.0), (start, !start));
         assert!((report.para > 0.0) != start && report.gradient_norm > 0.0);
         reports.push(report);
     }

@@ -164,9 +164,9 @@ impl Trainer {
         trainer
     }
 
-    /// One step of the present [`phase`](Self::phase). If it goes wrong (values that are not finite, or no surface left), goes back to the
-    /// last good state and on from there with half the learning rates, up to three times in a run: the report's
-    /// `step` is then lower than before.
+    /// One step of the present [`phase`](Self::phase). If it goes wrong (values that are not finite, or no surface
+    /// left), goes back to the last good state, which may be of the phase before, and on from there with half the
+    /// learning rates, up to three times in a run: the report's `step` is then lower than before.
     ///
     /// # Errors
     /// [`ErrorKind::Diverged`] or [`ErrorKind::NoSurface`] if it goes wrong a fourth time.
