@@ -165,17 +165,18 @@ kernel! {
             let s: [f32; 7] = std::array::from_fn(|c| sources[c][j]);
             dipole([x[0] - s[0], x[1] - s[1], x[2] - s[2]], s[3], [s[4], s[5], s[6]])
         };
+        let m = n / LANES;
+        let blocks: [&[[f32; LANES]]; 7] = std::array::from_fn(|c| &sources[c].as_chunks().0[..m]);
         let mut sums = [0.0f32; LANES];
-        for block in 0..n / LANES {
-            let s: [&[f32; LANES]; 7] =
-                std::array::from_fn(|c| sources[c][block * LANES..][..LANES].try_into().expect("a whole block"));
+        for b in 0..m {
+            let s: [&[f32; LANES]; 7] = std::array::from_fn(|c| &blocks[c][b]);
             for (i, sum) in sums.iter_mut().enumerate() {
                 let d = [x[0] - s[0][i], x[1] - s[1][i], x[2] - s[2][i]];
                 *sum += dipole(d, s[3][i], [s[4][i], s[5][i], s[6][i]]);
             }
         }
         let mut total = 0.0;
-        for j in n / LANES * LANES..n { total += one(j); }
+        for j in m * LANES..n { total += one(j); }
         for sum in sums { total += sum; }
         -total * (0.25 * std::f32::consts::FRAC_1_PI)
     }
