@@ -169,7 +169,7 @@ kernel! {
         let blocks: [&[[f32; LANES]]; 7] = std::array::from_fn(|c| &sources[c].as_chunks().0[..m]);
         let mut sums = [0.0f32; LANES];
         for b in 0..m {
-            let s: [&[f32; LANES]; 7] = std::array::from_fn(|c| &blocks[c][b]);
+            let s: [&[f32; LANES]; 7] = blocks.map(|column| &column[b]);
             for (i, sum) in sums.iter_mut().enumerate() {
                 let d = [x[0] - s[0][i], x[1] - s[1][i], x[2] - s[2][i]];
                 *sum += dipole(d, s[3][i], [s[4][i], s[5][i], s[6][i]]);
