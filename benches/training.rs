@@ -1,14 +1,14 @@
-//! Whole training steps of the presets at 300 points, and the mesh of a trained field.
+//! The start of a run, whole training steps of the presets at 300 points, and the mesh of a trained field.
 
 mod common;
 
 use bijective_sdf::geometry::Shape;
-use bijective_sdf::reconstruct::{Config, Preset, Stage, Trainer};
+use bijective_sdf::reconstruct::{Config, Phase, Preset, Stage, Trainer};
 use criterion::{Criterion, criterion_group, criterion_main};
 
 const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
 
-/// Shortens what comes before the first step; it is not what is measured.
+/// Shortens the phases before the training proper; they are not what is measured.
 fn hurry(config: &mut Config) {
     config.start.steps = config.start.steps.min(100);
     config.bsp_pretrain = config.bsp_pretrain.min(10);
@@ -24,8 +24,22 @@ fn steps(c: &mut Criterion) {
         config.stages = vec![Stage { resolution, steps: 1_000_000 }];
         hurry(&mut config);
         let mut trainer = Trainer::new(&points, &config).expect("a torus");
+        while trainer.phase() != Phase::Train {
+            trainer.step().expect("a torus stays");
+        }
         c.bench_function(&format!("step {preset}"), |bench| {
             bench.iter(|| trainer.step().expect("a torus stays"));
+        });
+    }
+}
+
+/// What comes before the first step.
+fn start(c: &mut Criterion) {
+    for n in [300, 2000] {
+        let (points, _) = TORUS.sample(n, 1);
+        let config = Config::preset(Preset::Default);
+        c.bench_function(&format!("start {n}"), |bench| {
+            bench.iter(|| Trainer::new(&points, &config).expect("a torus"));
         });
     }
 }
@@ -47,5 +61,5 @@ fn mesh(c: &mut Criterion) {
     }
 }
 
-criterion_group! { name = benches; config = common::criterion(); targets = steps, mesh }
+criterion_group! { name = benches; config = common::criterion(); targets = start, steps, mesh }
 criterion_main!(benches);

@@ -112,9 +112,10 @@ fn a_run_reports_in_json_and_is_the_same_for_any_number_of_threads() {
     assert_eq!(json.at("points").number(), 60.0);
     assert_eq!(json.at("duplicates").number(), 0.0);
     assert_eq!(json.at("seed").number(), 3.0);
-    assert_eq!(json.at("steps").number(), 20.0);
-    assert_eq!(json.at("total_steps").number(), 20.0);
-    assert_eq!(json.at("ended").text(), "done");
+    // 3 steps of the parameterization alone, 20 of the training.
+    assert_eq!(json.at("steps").number(), 23.0);
+    assert_eq!(json.at("total_steps").number(), 23.0);
+    assert_eq!((json.at("phase").text(), json.at("ended").text()), ("train", "done"));
     assert_eq!(json.at("output").text(), one.to_str().unwrap());
     assert!(json.at("closed_and_oriented").truth());
     assert!(json.at("losses").at("loss").number() > 0.0);
@@ -131,7 +132,9 @@ fn a_run_reports_in_json_and_is_the_same_for_any_number_of_threads() {
     let two = dir.path("two.ply");
     let output = run(tiny(&cloud, &two).args(["--threads", "2", "--seed", "3"]), 0);
     assert!(output.stdout.is_empty());
-    assert!(err(&output).contains("step 20/20") && err(&output).contains("60 points"), "{}", err(&output));
+    for part in ["60 points", "step 1/23  parameterization alone", "step 4/23  loss", "step 23/23  "] {
+        assert!(err(&output).contains(part), "{part} is not in {}", err(&output));
+    }
     assert!(fs::read(&one).unwrap() == fs::read(&two).unwrap(), "the bytes depend on the threads");
     let three = dir.path("three.ply");
     run(tiny(&cloud, &three).args(["--seed", "4"]), 0);
@@ -188,13 +191,23 @@ fn a_reader_that_goes_away_is_no_error() {
 fn a_time_limit_ends_early_with_a_mesh() {
     let dir = Dir::new("limit");
     let mesh = dir.path("mesh.stl");
-    let mut command = tiny(&dir.cloud(), &mesh);
-    command.args(["--time-limit", "0", "--json"]);
-    let output = run(&mut command, 0);
-    let json = Json::parse(&out(&output));
-    assert_eq!((json.at("ended").text(), json.at("steps").number()), ("time-limit", 1.0));
-    assert!(err(&output).contains("time limit ended the training after step 1 of 20"), "{}", err(&output));
-    assert!(read_mesh(&mesh).unwrap().topology().closed);
+    // In each phase: 10 steps that fit a first shape, 3, and 20.
+    for (options, total, phase) in [
+        (&["--set", "start.shape=gauss", "--set", "start.steps=10"][..], 33, "start"),
+        (&[], 23, "pretrain"),
+        (&["--set", "bsp.pretrain=0"], 20, "train"),
+    ] {
+        let mut command = tiny(&dir.cloud(), &mesh);
+        command.args(["--time-limit", "0", "--json"]).args(options);
+        let output = run(&mut command, 0);
+        let json = Json::parse(&out(&output));
+        assert_eq!((json.at("ended").text(), json.at("steps").number()), ("time-limit", 1.0));
+        assert_eq!((json.at("phase").text(), json.at("total_steps").number()), (phase, f64::from(total)));
+        assert!(json.at("losses").at("loss").number() > 0.0);
+        let note = format!("the time limit ended the run after step 1 of {total}, in the phase {phase};");
+        assert!(err(&output).contains(&note), "{}", err(&output));
+        assert!(read_mesh(&mesh).unwrap().topology().closed);
+    }
     fails(tiny(&dir.cloud(), &mesh).arg("--time-limit=-1"), 2, &["seconds"]);
 }
 

@@ -3,7 +3,7 @@
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
-use bijective_sdf::reconstruct::StepReport;
+use bijective_sdf::reconstruct::{Phase, StepReport};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::files::say;
@@ -14,8 +14,9 @@ const PAUSE: Duration = Duration::from_secs(10);
 /// Shows steps.
 pub struct Progress {
     shown: Shown,
+    /// The phase of the last step, when this run came to it, and the steps made before.
+    phase: Option<(Phase, Instant, usize)>,
     began: Instant,
-    /// Steps that an earlier run made.
     before: usize,
     total: usize,
     recoveries: usize,
@@ -44,7 +45,7 @@ impl Progress {
         } else {
             Shown::Lines { last: None }
         };
-        Progress { shown, began: Instant::now(), before, total, recoveries: 0 }
+        Progress { shown, phase: None, began: Instant::now(), before, total, recoveries: 0 }
     }
 
     /// Shows the losses of a step, after `done` steps of the whole training and so many returns to an earlier state.
@@ -53,11 +54,17 @@ impl Progress {
             self.recoveries = recoveries;
             self.note("training went wrong and goes on from an earlier state with smaller steps");
         }
+        let new_phase = self.phase.is_none_or(|(phase, ..)| phase != report.phase);
+        if new_phase {
+            // Steps of different phases take different times; the first of all may have begun before.
+            let began = if self.phase.is_none() { self.began } else { Instant::now() };
+            self.phase = Some((report.phase, began, if self.phase.is_none() { self.before } else { done }));
+        }
         let text = self.describe(done, report);
         match &mut self.shown {
             Shown::Nothing => {}
             Shown::Lines { last } => {
-                let due = last.is_none_or(|t| t.elapsed() >= PAUSE) || done == self.total;
+                let due = new_phase || last.is_none_or(|t| t.elapsed() >= PAUSE) || done == self.total;
                 if due {
                     *last = Some(Instant::now());
                     say(&format!("step {done}/{}  {text}", self.total));
@@ -87,18 +94,33 @@ impl Progress {
     }
 
     fn describe(&self, done: usize, r: &StepReport) -> String {
-        let made = done.saturating_sub(self.before).max(1) as f64;
-        let left = self.began.elapsed().as_secs_f64() / made * self.total.saturating_sub(done) as f64;
-        format!(
-            // On a narrow terminal the end is cut off.
-            "{} left  loss {:.2e}  para {:.2e}  deform {:.2e}  surf {:.2e}  grid {}",
-            duration(left),
-            r.loss,
-            r.para,
-            r.deform,
-            r.surf,
-            r.resolution
-        )
+        // On a narrow terminal the end is cut off.
+        match r.phase {
+            Phase::Start => format!("first shape  distance {:.2e}", r.loss),
+            Phase::Pretrain => format!("parameterization alone  para {:.2e}", r.para),
+            Phase::Train => {
+                format!(
+                    "{}loss {:.2e}  para {:.2e}  deform {:.2e}  surf {:.2e}  grid {}",
+                    self.left(done),
+                    r.loss,
+                    r.para,
+                    r.deform,
+                    r.surf,
+                    r.resolution
+                )
+            }
+        }
+    }
+
+    /// About how long the training still takes, by the steps of its kind made so far.
+    fn left(&self, done: usize) -> String {
+        match self.phase {
+            Some((_, began, before)) if done > before => {
+                let step = began.elapsed().as_secs_f64() / (done - before) as f64;
+                format!("{} left  ", duration(step * self.total.saturating_sub(done) as f64))
+            }
+            _ => String::new(),
+        }
     }
 }
 

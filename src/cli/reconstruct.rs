@@ -61,7 +61,7 @@ pub struct ReconstructArgs {
     /// Go on from a checkpoint of the same cloud and options
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
-    /// Stop training after this time and write the mesh of the field as it is then
+    /// Stop after this time, in whichever phase, and write the mesh of the field as it is then
     #[arg(long, value_name = "SECONDS", value_parser = seconds)]
     time_limit: Option<Duration>,
     /// Write the denser points that the surface was drawn to (ply, xyz, csv)
@@ -103,8 +103,10 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let trained = train(&cloud.points, &config, &plan(args, common), Some(&interrupt))?;
     if trained.timed_out {
         common.note(&format!(
-            "the time limit ended the training after step {} of {}; the result depends on the speed of the machine",
-            trained.steps, trained.total
+            "the time limit ended the run after step {} of {}{}; the result depends on the speed of the machine",
+            trained.steps,
+            trained.total,
+            trained.last.map_or(String::new(), |r| format!(", in the phase {}", r.phase))
         ));
     }
     let meshing = Instant::now();
@@ -166,6 +168,7 @@ pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object 
     });
     json.count("steps", trained.steps)
         .count("total_steps", trained.total)
+        .raw("phase", trained.last.map_or("null".to_string(), |r| format!("\"{}\"", r.phase)))
         .text("ended", if trained.timed_out { "time-limit" } else { "done" })
         .raw("losses", losses)
         .raw("mesh", topology_json(topology))

@@ -64,7 +64,7 @@ pub fn train(
     while !trainer.is_done() {
         let report = trainer.step()?;
         // Not every step trains the parameterization; showing those without its loss would flicker.
-        if report.para > 0.0 || last.is_none_or(|l: StepReport| l.para == 0.0) {
+        if report.para > 0.0 || last.is_none_or(|l: StepReport| l.para == 0.0 || l.phase != report.phase) {
             last = Some(report);
         }
         progress.step(trainer.steps_done(), last.as_ref().unwrap_or(&report), report.recoveries);

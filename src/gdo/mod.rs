@@ -1,5 +1,6 @@
 //! Grid deformation optimization: the field, the move of the grid's vertices along it, and the differentiable surface.
 
+mod cholesky;
 mod crossing;
 mod deform;
 mod faces;
@@ -14,4 +15,4 @@ pub use faces::sample_faces;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use gauss::GaussField;
 pub use pass::{FieldPass, FieldValues};
-pub use start::{GaussStart, fit_to_mesh, start_from_gauss};
+pub use start::{ShapeFit, ShapeFitStep, gauss_shape};

@@ -1,5 +1,7 @@
 //! The active part of the grid: where it is searched for, kept, and marched through.
 
+#[cfg(feature = "checkpoint")]
+use super::Phase;
 use super::Trainer;
 use super::step::Sampled;
 use crate::autodiff::Tape;
@@ -37,7 +39,7 @@ pub(super) struct Band {
 }
 
 impl Trainer {
-    /// The grid resolution of a step.
+    /// The grid resolution of a step of the training proper.
     fn resolution_at(&self, step: usize) -> usize {
         let mut end = 0;
         let stages = &self.config.stages;
@@ -50,9 +52,10 @@ impl Trainer {
 
     /// Searches for the surface on the grid, if it is time to. Returns whether it was.
     pub(super) fn refresh_band(&mut self) -> Result<bool, Error> {
-        let resolution = self.resolution_at(self.step);
+        let step = self.train_step();
+        let resolution = self.resolution_at(step);
         let fresh = self.work.band.as_ref().is_some_and(|b| b.resolution == resolution);
-        if fresh && !self.step.is_multiple_of(self.config.band.refresh) {
+        if fresh && !step.is_multiple_of(self.config.band.refresh) {
             return Ok(false);
         }
         self.build_band(resolution)?;
@@ -88,8 +91,9 @@ impl Trainer {
         let now = self.snapshot();
         let good = self.good.clone();
         self.restore(&good);
-        if now.step > good.step {
-            self.build_band(self.resolution_at(good.step))?;
+        // A state of an earlier phase has no band.
+        if now.step > good.step && self.phase() == Phase::Train {
+            self.build_band(self.resolution_at(self.train_step()))?;
         }
         let band = self.work.band.take();
         self.restore(&now);

@@ -13,7 +13,7 @@ use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const CHECKPOINT: &str = "checkpoint 1";
+const CHECKPOINT: &str = "checkpoint 2";
 const RECONSTRUCTION: &str = "reconstruction 1";
 
 impl Trainer {
@@ -57,6 +57,7 @@ impl Trainer {
             }
             trainer.restore(&now);
             trainer.rebuild_band()?;
+            trainer.find_shape()?;
             Ok(trainer)
         };
         resume().map_err(|e| e.in_file(path))
@@ -249,7 +250,9 @@ mod tests {
         let sparse = Config { parameterization: Parameterization::None, ..tiny() };
         for config in [tiny(), blocks, sparse] {
             let straight = bits(&run(&points, &config));
-            for stop in [0, 4, 7] {
+            // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between
+            // two searches for the band.
+            for stop in [0, 1, 25, 30, 33, 35, 36, 39] {
                 let mut trainer = Trainer::new(&points, &config).unwrap();
                 for _ in 0..stop {
                     trainer.step().unwrap();
@@ -283,17 +286,20 @@ mod tests {
             assert_eq!(trainer.recoveries, 2);
             bits(&trainer.finish())
         };
-        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
-        for _ in 0..3 {
-            trainer.step().unwrap();
+        // In the start, across the beginning of the training, and within it.
+        for (bad, network, stop) in [(23, false, 7), (34, true, 5), (38, true, 4)] {
+            let mut trainer = Trainer::new(&points, &tiny()).unwrap();
+            for _ in 0..bad {
+                trainer.step().unwrap();
+            }
+            poison(&mut trainer, network, f32::NAN);
+            for _ in 0..stop {
+                trainer.step().unwrap();
+            }
+            trainer.save_checkpoint(&path).unwrap();
+            let resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
+            assert!(finish(trainer) == finish(resumed), "wrong at {bad}");
         }
-        poison(&mut trainer, true, f32::NAN);
-        for _ in 0..4 {
-            trainer.step().unwrap();
-        }
-        trainer.save_checkpoint(&path).unwrap();
-        let resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
-        assert!(finish(trainer) == finish(resumed));
         std::fs::remove_file(path).unwrap();
     }
 

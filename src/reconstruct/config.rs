@@ -1,5 +1,6 @@
 //! What can be chosen. Everything is in the working frame: the cloud centred, its longest side 1.
 
+use super::Phase;
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{Activation, Deformation, FieldConfig};
@@ -122,7 +123,7 @@ pub struct Config {
     pub deformation: Deformation,
     /// Weights of the loss terms.
     pub weights: Weights,
-    /// Resolutions and steps, in order.
+    /// Resolutions and steps of the training, in order.
     pub stages: Vec<Stage>,
     /// The active part of the grid.
     pub band: Band,
@@ -173,9 +174,34 @@ impl Config {
         self
     }
 
-    /// The number of training steps.
+    /// The steps of a phase. A sphere needs no start, and without a parameterization there is none to pretrain.
+    pub fn steps_in(&self, phase: Phase) -> usize {
+        match phase {
+            Phase::Start if self.start.shape == StartShape::Sphere => 0,
+            Phase::Start => self.start.steps,
+            Phase::Pretrain if self.parameterization == Parameterization::None => 0,
+            Phase::Pretrain => self.bsp_pretrain,
+            Phase::Train => self.stages.iter().map(|s| s.steps).sum(),
+        }
+    }
+
+    /// The steps of all phases together.
     pub fn total_steps(&self) -> usize {
-        self.stages.iter().map(|s| s.steps).sum()
+        Phase::ALL.into_iter().map(|phase| self.steps_in(phase)).sum()
+    }
+
+    /// The phase of a step of the whole run, from 0, and the step's number within it. Steps beyond the last belong to
+    /// the training.
+    pub fn phase_at(&self, step: usize) -> (Phase, usize) {
+        let mut within = step;
+        for phase in [Phase::Start, Phase::Pretrain] {
+            let steps = self.steps_in(phase);
+            if within < steps {
+                return (phase, within);
+            }
+            within -= steps;
+        }
+        (Phase::Train, within)
     }
 
     /// Whether the options are in range and fit each other.
@@ -323,6 +349,29 @@ mod tests {
             assert!(large.bsp.reach > 0 && large.stages[0].resolution > config.stages[0].resolution);
             assert_eq!(large.clone().for_points(120_610), large);
         }
+    }
+
+    #[test]
+    fn every_step_belongs_to_one_phase() {
+        let mut config = Config::preset(Preset::Default);
+        config.start.steps = 3;
+        config.bsp_pretrain = 2;
+        config.stages = vec![Stage { resolution: 8, steps: 1 }, Stage { resolution: 12, steps: 3 }];
+        use Phase::{Pretrain, Start, Train};
+        let phases = |config: &Config| -> Vec<(Phase, usize)> {
+            (0..config.total_steps()).map(|i| config.phase_at(i)).collect()
+        };
+        let (start, train) = ([(Start, 0), (Start, 1), (Start, 2)], [0, 1, 2, 3].map(|i| (Train, i)));
+        let pretrain = [(Pretrain, 0), (Pretrain, 1)];
+        assert_eq!(phases(&config), [&start[..], &pretrain, &train].concat());
+        assert_eq!(config.phase_at(9), (Train, 4));
+        config.parameterization = Parameterization::None;
+        assert_eq!(phases(&config), [&start[..], &train].concat());
+        config.start.shape = StartShape::Sphere;
+        assert_eq!(phases(&config), train);
+        // The paper knows no phases.
+        let paper = Config::preset(Preset::Paper);
+        assert_eq!(paper.total_steps(), paper.steps_in(Train));
     }
 
     #[test]

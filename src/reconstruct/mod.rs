@@ -4,6 +4,8 @@
 //! and resumed, and [`Reconstruction`] is the result. One step, in the words of the paper: the field g moves the active
 //! vertices V of a tetrahedral grid to V' (equation 4), marching tetrahedra take the surface from them, and L_deform
 //! (equation 5) draws it to the parameterized surface S, which L_para (equation 3) keeps at the points Q.
+//!
+//! Two [phases](Phase) of quicker steps come first: the field learns a first shape, and S is trained alone.
 
 mod band;
 #[cfg(feature = "checkpoint")]
@@ -14,6 +16,7 @@ mod objective;
 mod options;
 mod preset;
 mod run;
+mod start;
 mod step;
 #[cfg(feature = "checkpoint")]
 mod store;
@@ -23,6 +26,7 @@ pub use config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights}
 pub use model::Reconstruction;
 pub use preset::Preset;
 pub use run::{Event, reconstruct};
+pub use start::Phase;
 pub use step::StepReport;
 pub use trainer::Trainer;
 

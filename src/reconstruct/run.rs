@@ -8,13 +8,14 @@ use std::ops::ControlFlow;
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum Event<'a> {
-    /// The cloud was accepted; the first shape of the field is found next, which takes some seconds.
+    /// The cloud was accepted; the shape that the field learns first is found next, which takes up to some seconds
+    /// for thousands of points.
     Started {
         /// Distinct points.
         points: usize,
         /// Points left out because an earlier one lies at the same place.
         merged: usize,
-        /// Steps of the training.
+        /// Steps of all phases.
         total_steps: usize,
     },
     /// A step is done.

@@ -2,7 +2,7 @@
 
 use super::band::Workspace;
 use super::objective::{Scene, Terms, add_terms};
-use super::{Config, Trainer};
+use super::{Config, Phase, Trainer};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
@@ -15,17 +15,22 @@ use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 use std::time::Instant;
 
-/// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0.
+/// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0, and where
+/// the phase does not have them.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct StepReport {
-    /// The step, from 0.
+    /// The step, from 0, counted through all phases.
     pub step: usize,
-    /// Steps of the whole training.
+    /// Steps of all phases.
     pub total: usize,
-    /// Cubes along each side of the grid.
+    /// What the step was for.
+    pub phase: Phase,
+    /// Cubes along each side of the grid; 0 before the training proper.
     pub resolution: usize,
-    /// The weighted sum of all terms.
+    /// What the step made smaller: the weighted sum of all terms in the training proper, L_para in the pretraining,
+    /// and the mean difference between the field and the distance to its first shape (with a small multiple of that
+    /// of their gradients) in the start.
     pub loss: f32,
     /// L_para; 0 in steps that do not train the parameterization.
     pub para: f32,
@@ -43,11 +48,12 @@ pub struct StepReport {
     pub pull: f32,
     /// The squared distance from the cloud to the surface.
     pub cover: f32,
-    /// Learning rate of the field.
+    /// Learning rate of the field; 0 in steps of the pretraining.
     pub field_rate: f32,
-    /// Learning rate of the parameterization.
+    /// Learning rate of the parameterization; 0 in steps of the start.
     pub bsp_rate: f32,
-    /// Length of the field's gradient, before it was clipped.
+    /// Length of the gradient, before it was clipped: that of the parameterization in the pretraining, otherwise that
+    /// of the field.
     pub gradient_norm: f64,
     /// Grid vertices that the step worked on.
     pub active_verts: usize,
@@ -96,7 +102,7 @@ pub(super) struct Pulled {
 const FAR: f32 = 1e6;
 
 impl Trainer {
-    /// One iteration. On an error the parameters are as before it; what it worked with is not.
+    /// One iteration of the training proper. On an error the parameters are as before it; what it worked with is not.
     pub(super) fn try_step(&mut self) -> Result<StepReport, Error> {
         let began = Instant::now();
         let refreshed = self.refresh_band()?;
@@ -131,15 +137,16 @@ impl Trainer {
     /// Chooses the points of the cloud and the patches that this step sees.
     pub(super) fn view(&self) -> View {
         let n = self.cloud.len();
+        let step = self.train_step();
         let size = self.config.batch.points;
         let rows: Vec<u32> = if n <= size {
             (0..n as u32).collect()
         } else {
-            (0..size).map(|i| self.order[(self.step * size + i) % n]).collect()
+            (0..size).map(|i| self.order[(step * size + i) % n]).collect()
         };
         let every = self.config.bsp_every;
-        let trains = self.map.is_some() && every > 0 && self.step.is_multiple_of(every);
-        let block = trains.then(|| self.step / every % self.blocks.len());
+        let trains = self.map.is_some() && every > 0 && step.is_multiple_of(every);
+        let block = trains.then(|| step / every % self.blocks.len());
         View { points: rows.iter().map(|&i| self.cloud[i as usize]).collect(), rows, block }
     }
 
@@ -168,7 +175,8 @@ impl Trainer {
 
     /// Puts the step on the tape: moved vertices, surface, target, and the loss.
     pub(super) fn record(&mut self, sampled: &Sampled, view: &View) -> Result<Recorded, Error> {
-        let progress = self.step as f32 / self.total_steps().max(1) as f32;
+        let step = self.train_step();
+        let progress = step as f32 / self.config.steps_in(Phase::Train).max(1) as f32;
         let Workspace { tape, band, iso, .. } = &mut self.work;
         let band = band.as_ref().expect("refreshed first");
         let v = band.verts.len();
@@ -192,7 +200,7 @@ impl Trainer {
             0 => crossings,
             count => {
                 let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
-                rng.set_stream(self.step as u64 + 1);
+                rng.set_stream(step as u64 + 1);
                 sample_faces(tape, crossings, &iso.faces, count, &mut rng)
             }
         };
@@ -257,12 +265,13 @@ impl Trainer {
 
     fn report(&self, recorded: &Recorded) -> StepReport {
         let Config { field_rate, bsp_rate, .. } = &self.config;
-        let total = self.total_steps();
+        let (step, total) = (self.train_step(), self.config.steps_in(Phase::Train));
         let band = self.work.band.as_ref();
         let terms = &recorded.terms;
         StepReport {
             step: self.step,
-            total,
+            total: self.total_steps(),
+            phase: Phase::Train,
             resolution: band.map_or(0, |b| b.resolution),
             loss: self.work.tape.value(recorded.loss).item(),
             para: terms.para,
@@ -273,8 +282,8 @@ impl Trainer {
             points: terms.points,
             pull: terms.pull,
             cover: terms.cover,
-            field_rate: self.caution() * field_rate.rate_at(self.step, total),
-            bsp_rate: self.caution() * bsp_rate.rate_at(self.step, total),
+            field_rate: self.caution() * field_rate.rate_at(step, total),
+            bsp_rate: self.caution() * bsp_rate.rate_at(step, total),
             gradient_norm: 0.0,
             active_verts: band.map_or(0, |b| b.verts.len()),
             surface_verts: self.work.iso.edges.len(),
@@ -352,7 +361,7 @@ fn surface_target(
     }
 }
 
-fn diverged(message: impl Into<String>) -> Error {
+pub(super) fn diverged(message: impl Into<String>) -> Error {
     Error::new(ErrorKind::Diverged, message)
 }
 

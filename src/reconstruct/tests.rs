@@ -42,6 +42,16 @@ pub(super) fn bits(result: &Reconstruction) -> (Vec<u32>, Vec<[u32; 3]>, Vec<u32
     (bits(&mesh.verts), mesh.faces, bits(&result.surface_points()))
 }
 
+/// A trainer at the first step of the training proper.
+pub(super) fn at_training(points: &[[f32; 3]], config: &Config) -> Trainer {
+    let mut trainer = Trainer::new(points, config).unwrap();
+    while trainer.phase() != Phase::Train {
+        trainer.step().unwrap();
+    }
+    trainer.begin_training();
+    trainer
+}
+
 /// Every term, every part, live and smooth.
 fn all_terms() -> Config {
     let mut config = tiny();
@@ -110,7 +120,7 @@ fn clear_the_level(trainer: &mut Trainer) {
 fn check_step(config: &Config, seed: u64) -> (usize, usize) {
     let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, seed).0;
     let config = Config { seed, ..config.clone() };
-    let mut trainer = Trainer::new(&points, &config).unwrap();
+    let mut trainer = at_training(&points, &config);
     trainer.build_band(8).unwrap();
     clear_the_level(&mut trainer);
     let view = trainer.view();
@@ -183,7 +193,7 @@ fn every_parameter_has_a_gradient_that_is_not_zero() {
         [Parameterization::Bsp, Parameterization::Single, Parameterization::Multiple { maps: 3 }]
     {
         let config = Config { parameterization, ..all_terms() };
-        let mut trainer = Trainer::new(&ball(40), &config).unwrap();
+        let mut trainer = at_training(&ball(40), &config);
         trainer.build_band(8).unwrap();
         let view = trainer.view();
         let sampled = trainer.sample_field(&view).unwrap();
@@ -330,7 +340,8 @@ fn every_ablation_runs() {
         let mut steps = 0;
         let result = reconstruct(&points, &config, &mut |event| {
             if let Event::Step(report) = event {
-                assert!(report.loss.is_finite() && report.active_verts > 0, "{settings:?}");
+                assert!(report.loss.is_finite(), "{settings:?}");
+                assert_eq!(report.active_verts > 0, report.phase == Phase::Train, "{settings:?}");
                 steps += 1;
             }
             assert!(!matches!(event, Event::Recovered { .. }), "{settings:?}: {event:?}");
@@ -369,17 +380,22 @@ fn the_callback_sees_everything_and_stops_the_run() {
     let error = reconstruct(&points, &config, &mut |event| {
         match event {
             Event::Started { points, merged, total_steps } => {
-                assert_eq!((*points, *merged, *total_steps), (50, 1, 12));
+                assert_eq!((*points, *merged, *total_steps), (50, 1, 47));
             }
-            Event::Step(report) => seen.push((report.step, report.resolution)),
+            Event::Step(report) => {
+                assert_eq!(report.total, 47);
+                seen.push((report.step, report.phase, report.resolution));
+            }
             _ => panic!("{event:?}"),
         }
-        if seen.len() == 8 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+        if seen.len() == 43 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })
     .unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Cancelled);
-    let want: Vec<_> = (0..8).map(|i| (i, if i < 6 { 8 } else { 12 })).collect();
-    assert_eq!(seen, want);
+    let start = (0..30).map(|i| (i, Phase::Start, 0));
+    let pretrain = (30..35).map(|i| (i, Phase::Pretrain, 0));
+    let train = (35..43).map(|i| (i, Phase::Train, if i < 41 { 8 } else { 12 }));
+    assert_eq!(seen, start.chain(pretrain).chain(train).collect::<Vec<_>>());
 
     let stopped = reconstruct(&points, &config, &mut |_| ControlFlow::Break(())).unwrap_err();
     assert_eq!(stopped.kind(), ErrorKind::Cancelled);
@@ -401,14 +417,15 @@ pub(super) fn poison(trainer: &mut Trainer, map: bool, value: f32) {
 fn a_run_comes_back_from_bad_values_with_half_the_rate() {
     // NaN and far away, in both networks, and a field that is positive everywhere.
     for (map, value) in [(false, f32::NAN), (true, f32::NAN), (true, 1e30), (false, 100.0), (false, 1e38)] {
-        let mut trainer = Trainer::new(&ball(60), &tiny()).unwrap();
+        let mut trainer = at_training(&ball(60), &tiny());
         let rates: Vec<f32> = (0..6).map(|_| trainer.step().unwrap().field_rate).collect();
         poison(&mut trainer, map, value);
-        // The last search for the band was at step 4, but stage two begins at 6: its search fails first.
+        // The last search for the band was at step 4, but stage two begins at 6: its search fails first. 35 steps came
+        // before.
         let report = trainer.step().unwrap();
-        assert_eq!((report.step, report.recoveries), (4, 1), "{map} {value}");
+        assert_eq!((report.step, report.recoveries), (39, 1), "{map} {value}");
         assert_eq!(report.field_rate, 0.5 * rates[4]);
-        assert!(trainer.last_recovery().unwrap().starts_with("step 6: "), "{:?}", trainer.last_recovery());
+        assert!(trainer.last_recovery().unwrap().starts_with("step 41: "), "{:?}", trainer.last_recovery());
         while !trainer.is_done() {
             assert!(trainer.step().unwrap().loss.is_finite());
         }
@@ -417,23 +434,102 @@ fn a_run_comes_back_from_bad_values_with_half_the_rate() {
 }
 
 #[test]
-fn a_run_that_cannot_come_back_says_so() {
-    for (value, kind) in [(f32::NAN, ErrorKind::Diverged), (100.0, ErrorKind::NoSurface)] {
+fn every_phase_comes_back_from_bad_values() {
+    let points = ball(60);
+    // Where it goes wrong, in which network, where it goes on, and in which phase.
+    for (at, map, back, phase) in [
+        (0, false, 0, Phase::Start),
+        (25, false, 20, Phase::Start),
+        (33, true, 30, Phase::Pretrain),
+        // The first step of the training has no state of its own to fall back to yet.
+        (35, false, 30, Phase::Pretrain),
+    ] {
+        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
+        let mut rates = Vec::new();
+        for _ in 0..at {
+            let report = trainer.step().unwrap();
+            rates.push(report.field_rate + report.bsp_rate);
+        }
+        poison(&mut trainer, map, f32::NAN);
+        let report = trainer.step().unwrap();
+        assert_eq!((report.step, report.phase, report.recoveries), (back, phase, 1), "wrong at {at}");
+        if at > 0 {
+            assert_eq!(report.field_rate + report.bsp_rate, 0.5 * rates[back]);
+        }
+        let reason = trainer.last_recovery().unwrap();
+        assert!(reason.starts_with(&format!("step {at}: ")), "{reason}");
+        while !trainer.is_done() {
+            trainer.step().unwrap();
+        }
+        assert_eq!(trainer.steps_done(), 47);
+        assert!(trainer.finish().mesh(12).unwrap().topology().closed);
+    }
+}
+
+#[test]
+fn each_phase_learns_what_it_is_for() {
+    let mut config = tiny();
+    config.start.steps = 60;
+    config.bsp_pretrain = 20;
+    let mut trainer = Trainer::new(&ball(80), &config).unwrap();
+    let mut reports = Vec::new();
+    while trainer.phase() != Phase::Train {
+        let (field, map) = (trainer.field.params().clone(), trainer.map.as_ref().map(|m| m.params().clone()));
+        let report = trainer.step().unwrap();
+        let same = |a: &crate::nn::Params, b: &crate::nn::Params| {
+            a.iter().zip(b.iter()).all(|((_, _, a), (_, _, b))| a.data() == b.data())
+        };
+        let start = report.phase == Phase::Start;
+        assert_eq!(same(&field, trainer.field.params()), !start);
+        assert_eq!(same(&map.unwrap(), trainer.map.as_ref().unwrap().params()), start);
+        assert_eq!((report.field_rate > 0.0, report.bsp_rate > 0.0), (start, !start));
+        assert!((report.para > 0.0) != start && report.gradient_norm > 0.0);
+        reports.push(report);
+    }
+    assert_eq!(reports.len(), 80);
+    assert!(reports[59].loss < 0.5 * reports[0].loss, "{} {}", reports[0].loss, reports[59].loss);
+    assert!(reports[79].loss < reports[60].loss, "{} {}", reports[60].loss, reports[79].loss);
+    // Warm-ups count from the first step of their phase.
+    let first = trainer.step().unwrap();
+    assert_eq!(first.field_rate, config.field_rate.rate_at(0, 12));
+    assert_eq!(reports[0].field_rate, config.start.rate / 3.0);
+    assert_eq!(reports[60].bsp_rate, config.bsp_rate.rate_at(0, 20));
+}
+
+#[test]
+fn a_run_stopped_in_the_start_gives_what_it_has() {
+    for steps in [0, 1, 31] {
         let mut trainer = Trainer::new(&ball(60), &tiny()).unwrap();
+        for _ in 0..steps {
+            trainer.step().unwrap();
+        }
+        let result = trainer.finish();
+        assert!(result.mesh(16).unwrap().topology().closed, "after {steps} steps");
+        assert_eq!(result.surface_points().len(), 240);
+    }
+}
+
+#[test]
+fn a_run_that_cannot_come_back_says_so() {
+    let stuck = |mut trainer: Trainer, value: f32, kind: ErrorKind, advice: &str| {
         poison(&mut trainer, false, value);
         trainer.good = trainer.snapshot();
         let error = trainer.step().unwrap_err();
         assert_eq!(error.kind(), kind);
-        assert!(error.advice().unwrap().contains("field_rate.base"), "{error}");
+        assert!(error.advice().unwrap().contains(advice), "{error}");
         assert_eq!(trainer.recoveries, 3);
+    };
+    for (value, kind) in [(f32::NAN, ErrorKind::Diverged), (100.0, ErrorKind::NoSurface)] {
+        stuck(at_training(&ball(60), &tiny()), value, kind, "field_rate.base");
     }
+    stuck(Trainer::new(&ball(60), &tiny()).unwrap(), f32::NAN, ErrorKind::Diverged, "start.rate");
 }
 
 #[test]
 fn scaled_clouds_use_windows_and_blocks() {
     let mut config = tiny();
     config.batch = Batch { points: 32, centres: 20 };
-    let mut trainer = Trainer::new(&ball(100), &config).unwrap();
+    let mut trainer = at_training(&ball(100), &config);
     assert!(trainer.blocks.len() == 8);
     let mut seen = vec![0; 100];
     for _ in 0..12 {

@@ -2,10 +2,10 @@
 
 use super::band::Workspace;
 use super::step::StepReport;
-use super::{Config, Reconstruction, StartShape};
+use super::{Config, Phase, Reconstruction};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Deformation, Field, GaussStart, start_from_gauss};
+use crate::gdo::{Deformation, Field, ShapeFit};
 use crate::geometry::{Normalizer, clean_cloud};
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
@@ -15,7 +15,7 @@ use rand::seq::SliceRandom;
 
 /// How often a run comes back from a step that went wrong before it fails.
 const RECOVERIES: usize = 3;
-/// The stream of random numbers that orders the cloud; weights take stream 0, step i takes i + 1.
+/// The stream of random numbers that orders the cloud; weights take stream 0, training step i takes i + 1.
 const ORDER_STREAM: u64 = u64::MAX;
 
 /// A checked cloud and the options for it.
@@ -47,6 +47,11 @@ pub(super) fn blank_field(config: &Config, rng: &mut ChaCha8Rng) -> Field {
         Deformation::Offset => Field::with_offset(config.field, rng),
         _ => Field::new(config.field, rng),
     }
+}
+
+/// An optimiser that has not made a step.
+pub(super) fn untrained(params: &Params) -> Adam {
+    Adam::new(params.values(), AdamOptions::default())
 }
 
 /// Parameters with their optimiser.
@@ -86,8 +91,13 @@ pub struct Trainer {
     pub(super) map_adam: Option<Adam>,
     /// S as last computed, working frame; empty without a map.
     pub(super) surface: Vec<[f32; 3]>,
+    /// What the field learns in the phase [`Phase::Start`]; found again by the cloud and the options where it is
+    /// missing.
+    pub(super) shape: Option<ShapeFit>,
+    /// Steps done, of all phases.
     pub(super) step: usize,
-    /// The state at the last refresh of the band whose loss and gradients were finite.
+    /// The last kept state whose loss and gradients were finite; in the training proper that of the last refresh of
+    /// the band.
     pub(super) good: Snapshot,
     pub(super) recoveries: usize,
     pub(super) last_recovery: Option<String>,
@@ -95,25 +105,19 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Training for the cloud `points` (n x 3, any frame): checks the cloud, finds the field's first shape and trains
-    /// the parameterization for `bsp_pretrain` steps.
+    /// Training for the cloud `points` (n x 3, any frame): checks the cloud and finds the shape that the field is to
+    /// learn first. All learning is left to the steps.
     ///
     /// # Errors
-    /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] or
-    /// [`ErrorKind::Diverged`] if the start fails.
+    /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
+    /// no first shape is found.
     pub fn new(points: &[[f32; 3]], config: &Config) -> Result<Self, Error> {
         Self::from_prepared(prepare(points, config)?)
     }
 
     pub(super) fn from_prepared(prepared: Prepared) -> Result<Self, Error> {
         let mut trainer = Self::blank(prepared);
-        trainer.shape_field()?;
-        trainer.pretrain_map().map_err(|e| {
-            e.advise(
-                "training the parameterization alone diverged; lower bsp_rate.base or set bsp.pretrain to 0",
-            )
-        })?;
-        trainer.good = trainer.snapshot();
+        trainer.find_shape()?;
         Ok(trainer)
     }
 
@@ -125,9 +129,8 @@ impl Trainer {
         let field = blank_field(&config, &mut rng);
         let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
         let blocks = map.as_ref().map_or_else(Vec::new, |m| m.blocks(&cloud, config.batch.centres));
-        let adam = |params: &Params| Adam::new(params.values(), AdamOptions::default());
-        let field_adam = adam(field.params());
-        let map_adam = map.as_ref().map(|m| adam(m.params()));
+        let field_adam = untrained(field.params());
+        let map_adam = map.as_ref().map(|m| untrained(m.params()));
         let surface = vec![[0.0; 3]; map.as_ref().map_or(0, |m| m.surface_len(cloud.len()))];
         let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
         rng.set_stream(ORDER_STREAM);
@@ -150,6 +153,7 @@ impl Trainer {
             map,
             map_adam,
             surface,
+            shape: None,
             step: 0,
             good,
             recoveries: 0,
@@ -160,47 +164,9 @@ impl Trainer {
         trainer
     }
 
-    /// Gives the field its first shape.
-    fn shape_field(&mut self) -> Result<(), Error> {
-        let start = self.config.start;
-        if start.shape == StartShape::Gauss {
-            let gauss = GaussStart {
-                width: start.width,
-                regularity: start.regularity,
-                steps: start.steps,
-                rate: start.rate,
-            };
-            start_from_gauss(&mut self.field, &mut self.work.pass, &self.cloud, &gauss, self.config.seed)?;
-        }
-        Ok(())
-    }
-
-    /// Trains the parameterization alone, on L_para.
-    fn pretrain_map(&mut self) -> Result<(), Error> {
-        let total = self.config.bsp_pretrain;
-        for i in 0..total {
-            let Some(map) = &mut self.map else { break };
-            let Some(adam) = &mut self.map_adam else { break };
-            let block = &self.blocks[i % self.blocks.len()];
-            let tape = &mut self.work.tape;
-            tape.clear();
-            let p = map.params().bind(tape, true);
-            let (surface, context) = super::step::forward_map(tape, map, &p, &self.cloud, block)?;
-            let loss = super::step::para_term(tape, surface, context, block);
-            let gradients = p.collect(&mut tape.backward(loss));
-            tape.clear();
-            super::step::check_gradients("the parameterization", &gradients)?;
-            adam.step(map.params_mut().values_mut(), &gradients, self.config.bsp_rate.rate_at(i, total));
-        }
-        if let Some(map) = &self.map {
-            self.surface = map.surface(&self.cloud, &self.blocks);
-        }
-        Ok(())
-    }
-
-    /// One step of the training. If it goes wrong (values that are not finite, or no surface left), goes back to the
-    /// last good state and on from there with half the learning rates, up to three times in a run: the report's
-    /// `step` is then lower than before.
+    /// One step of the present [`phase`](Self::phase). If it goes wrong (values that are not finite, or no surface
+    /// left), goes back to the last good state, which may be of the phase before, and on from there with half the
+    /// learning rates, up to three times in a run: the report's `step` is then lower than before.
     ///
     /// # Errors
     /// [`ErrorKind::Diverged`] or [`ErrorKind::NoSurface`] if it goes wrong a fourth time.
@@ -211,17 +177,34 @@ impl Trainer {
     pub fn step(&mut self) -> Result<StepReport, Error> {
         assert!(!self.is_done(), "step: all {} steps are done", self.total_steps());
         loop {
-            let error = match self.try_step() {
+            let phase = self.phase();
+            let attempt = match phase {
+                Phase::Start => self.try_start(),
+                Phase::Pretrain => self.try_pretrain(),
+                Phase::Train => {
+                    if self.train_step() == 0 {
+                        self.begin_training();
+                    }
+                    self.try_step()
+                }
+            };
+            let error = match attempt {
                 Ok(report) => return Ok(report),
                 Err(error) => error,
             };
             let recoverable = matches!(error.kind(), ErrorKind::Diverged | ErrorKind::NoSurface);
             if !recoverable || self.recoveries == RECOVERIES {
-                return Err(error.advise(format!(
-                    "this is after {} recoveries with lower rates; lower field_rate.base and bsp_rate.base, raise \
-                     their warmup, set clip to 1, or take another start.shape",
-                    self.recoveries
-                )));
+                let advice = match phase {
+                    Phase::Start => "lower start.rate, or take another start.shape",
+                    Phase::Pretrain => "lower bsp_rate.base, or set bsp.pretrain to 0",
+                    Phase::Train => {
+                        "lower field_rate.base and bsp_rate.base, raise their warmup, set clip to 1, or take another \
+                         start.shape"
+                    }
+                };
+                let tries =
+                    format!("this is after {} recoveries with lower rates; {advice}", self.recoveries);
+                return Err(error.advise(tries));
             }
             self.recoveries += 1;
             self.last_recovery = Some(format!("step {}: {}", self.step, error.message()));
@@ -268,7 +251,7 @@ impl Trainer {
         self.step
     }
 
-    /// Steps of the whole training.
+    /// Steps of all phases.
     pub fn total_steps(&self) -> usize {
         self.config.total_steps()
     }

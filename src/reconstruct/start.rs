@@ -1,0 +1,154 @@
+//! The phases of a run, and the steps of those before the training proper.
+//!
+//! The field learns the shape that the parametric Gauss formula finds among the points; then the parameterization is
+//! trained alone. Both are quick against the training, and counted, reported, saved and taken back like it.
+
+use super::step::{check_gradients, diverged, forward_map, para_term};
+use super::trainer::untrained;
+use super::{StepReport, Trainer};
+use crate::error::Error;
+use crate::gdo::{ShapeFit, gauss_shape};
+use crate::optim::{Schedule, gradient_norm};
+use std::fmt;
+use std::time::Instant;
+
+/// Steps between two states that are kept to fall back to.
+const KEEP_EVERY: usize = 20;
+
+/// What a step of a run is for, in the order of the run.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Phase {
+    /// The field learns its first shape by regression (`start.steps`).
+    #[default]
+    Start,
+    /// The parameterization is trained alone, on L_para (`bsp.pretrain`).
+    Pretrain,
+    /// The training proper (`stages`): field, grid and parameterization together.
+    Train,
+}
+
+impl Phase {
+    /// All phases, in order.
+    pub const ALL: [Phase; 3] = [Phase::Start, Phase::Pretrain, Phase::Train];
+
+    /// The name: `start`, `pretrain` or `train`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Phase::Start => "start",
+            Phase::Pretrain => "pretrain",
+            Phase::Train => "train",
+        }
+    }
+}
+
+impl fmt::Display for Phase {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.name())
+    }
+}
+
+impl Trainer {
+    /// The phase that the next step belongs to; the training once all steps are done.
+    pub fn phase(&self) -> Phase {
+        self.config.phase_at(self.step).0
+    }
+
+    /// The number of the step within the training proper; 0 before it.
+    pub(super) fn train_step(&self) -> usize {
+        match self.config.phase_at(self.step) {
+            (Phase::Train, step) => step,
+            _ => 0,
+        }
+    }
+
+    /// Finds the field's first shape, unless it is there or no longer needed.
+    pub(super) fn find_shape(&mut self) -> Result<(), Error> {
+        if self.phase() == Phase::Start && self.shape.is_none() {
+            let start = self.config.start;
+            let mesh = gauss_shape(&self.cloud, start.width, start.regularity, self.config.seed)?;
+            self.shape = Some(ShapeFit::new(&mesh, self.config.seed)?);
+        }
+        Ok(())
+    }
+
+    /// One step of the regression. On an error the parameters are as before it.
+    pub(super) fn try_start(&mut self) -> Result<StepReport, Error> {
+        let began = Instant::now();
+        self.find_shape()?;
+        let shape = self.shape.as_mut().expect("found above");
+        let fit = shape.step(&self.field, &mut self.work.pass, self.step);
+        let gradient_norm = gradient_norm(&fit.gradients);
+        if !fit.loss.is_finite() {
+            return Err(diverged("the field is not finite while it learns its first shape"));
+        }
+        check_gradients("the field", &fit.gradients)?;
+        self.keep(self.step);
+
+        let steps = self.config.steps_in(Phase::Start);
+        let schedule = Schedule { warmup: steps / 20, ..Schedule::constant(self.config.start.rate) };
+        let field_rate = self.caution() * schedule.rate_at(self.step, steps);
+        self.field_adam.step(self.field.params_mut().values_mut(), &fit.gradients, field_rate);
+        let report = StepReport { loss: fit.loss, field_rate, gradient_norm, ..self.blank_report() };
+        self.step += 1;
+        Ok(StepReport { seconds: began.elapsed().as_secs_f64(), ..report })
+    }
+
+    /// One step of the parameterization alone, on L_para. On an error the parameters are as before it.
+    pub(super) fn try_pretrain(&mut self) -> Result<StepReport, Error> {
+        let began = Instant::now();
+        let (_, step) = self.config.phase_at(self.step);
+        let map = self.map.as_ref().expect("the phase has no steps without a map");
+        let block = &self.blocks[step % self.blocks.len()];
+        let tape = &mut self.work.tape;
+        tape.clear();
+        let p = map.params().bind(tape, true);
+        let (surface, context) = forward_map(tape, map, &p, &self.cloud, block)?;
+        let para = para_term(tape, surface, context, block);
+        let loss = tape.value(para).item();
+        let gradients = p.collect(&mut tape.backward(para));
+        // Parameters that the tape holds would be copied.
+        tape.clear();
+        let gradient_norm = gradient_norm(&gradients);
+        if !loss.is_finite() {
+            return Err(diverged("the loss of the parameterization is not finite"));
+        }
+        check_gradients("the parameterization", &gradients)?;
+        self.keep(step);
+
+        let rate = self.config.bsp_rate.rate_at(step, self.config.steps_in(Phase::Pretrain));
+        let bsp_rate = self.caution() * rate;
+        if let (Some(map), Some(adam)) = (&mut self.map, &mut self.map_adam) {
+            adam.step(map.params_mut().values_mut(), &gradients, bsp_rate);
+        }
+        let report = StepReport { loss, para: loss, bsp_rate, gradient_norm, ..self.blank_report() };
+        self.step += 1;
+        Ok(StepReport { seconds: began.elapsed().as_secs_f64(), ..report })
+    }
+
+    /// What comes before the first step of the training proper; doing it again changes nothing.
+    pub(super) fn begin_training(&mut self) {
+        // The moments of the regression say nothing about the losses to come, and its samples have done their work.
+        self.field_adam = untrained(self.field.params());
+        self.shape = None;
+        if let Some(map) = &self.map {
+            self.surface = map.surface(&self.cloud, &self.blocks);
+        }
+    }
+
+    /// Keeps the present state to fall back to, now and then. It is known to have a finite loss and finite gradients.
+    fn keep(&mut self, step: usize) {
+        if step.is_multiple_of(KEEP_EVERY) {
+            self.good = self.snapshot();
+        }
+    }
+
+    fn blank_report(&self) -> StepReport {
+        StepReport {
+            step: self.step,
+            total: self.total_steps(),
+            phase: self.phase(),
+            recoveries: self.recoveries,
+            ..Default::default()
+        }
+    }
+}
