@@ -81,29 +81,56 @@ impl Panels {
     pub(crate) fn fill(&mut self, b: MatRef<'_>) {
         let width = panel_width();
         (self.rows, self.cols) = (b.rows, b.cols);
-        self.data.clear();
-        self.data.reserve(b.rows * b.cols.next_multiple_of(width));
+        let len = b.rows * b.cols.next_multiple_of(width);
+        if self.data.len() < len {
+            self.data.resize(len, 0.0);
+        }
+        let mut rest = &mut self.data[..len];
         for first in (0..b.rows).step_by(DEPTH) {
-            let rows = first..b.rows.min(first + DEPTH);
+            let rows = DEPTH.min(b.rows - first);
             for column in (0..b.cols).step_by(width) {
+                let (panel, after) = rest.split_at_mut(rows * width);
+                rest = after;
                 let cols = width.min(b.cols - column);
-                if b.col_stride == 1 {
-                    for l in rows.clone() {
-                        self.data.extend_from_slice(&b.data[l * b.row_stride + column..][..cols]);
-                        self.data.extend(std::iter::repeat_n(0.0, width - cols));
-                    }
+                let from = &b.data[first * b.row_stride + column * b.col_stride..];
+                if b.col_stride != 1 {
+                    fill_turned(panel, width, from, b, cols);
+                } else if cols < width {
+                    fill_part(panel, width, from, b.row_stride, cols);
+                } else if width == 32 {
+                    fill_whole::<32>(panel, from, b.row_stride);
                 } else {
-                    let start = self.data.len();
-                    self.data.resize(start + rows.len() * width, 0.0);
-                    let panel = &mut self.data[start..];
-                    for j in 0..cols {
-                        let from = &b.data[(column + j) * b.col_stride..];
-                        for (l, to) in rows.clone().zip(panel[j..].iter_mut().step_by(width)) {
-                            *to = from[l * b.row_stride];
-                        }
-                    }
+                    fill_whole::<16>(panel, from, b.row_stride);
                 }
             }
+        }
+    }
+}
+
+/// A panel of W columns out of contiguous rows.
+fn fill_whole<const W: usize>(panel: &mut [f32], from: &[f32], stride: usize) {
+    for (l, to) in panel.as_chunks_mut::<W>().0.iter_mut().enumerate() {
+        to.copy_from_slice(&from[l * stride..][..W]);
+    }
+}
+
+/// The first `cols` columns of a panel out of contiguous rows, zeros in the others.
+fn fill_part(panel: &mut [f32], width: usize, from: &[f32], stride: usize, cols: usize) {
+    for (l, to) in panel.chunks_exact_mut(width).enumerate() {
+        to[..cols].copy_from_slice(&from[l * stride..][..cols]);
+        to[cols..].fill(0.0);
+    }
+}
+
+/// The first `cols` columns of a panel out of a matrix with strides, zeros in the others.
+fn fill_turned(panel: &mut [f32], width: usize, from: &[f32], b: MatRef<'_>, cols: usize) {
+    if cols < width {
+        panel.fill(0.0);
+    }
+    for j in 0..cols {
+        let from = &from[j * b.col_stride..];
+        for (l, to) in panel[j..].iter_mut().step_by(width).enumerate() {
+            *to = from[l * b.row_stride];
         }
     }
 }
