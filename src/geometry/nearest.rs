@@ -3,6 +3,8 @@
 //! A [`KdTree`](super::KdTree) answers queries one by one. Here the queries are sorted into a tree, too, and those of one
 //! leaf go down the other tree together: the loops run over queries side by side, neighbouring queries touch the same
 //! memory, and each group starts from what the one before it found, so most of the tree is never entered.
+// A loop over lanes indexes several arrays at once; written with iterators and closures it was not vectorised.
+#![allow(clippy::needless_range_loop)]
 
 use super::knn::usable;
 use rayon::prelude::*;
