@@ -3,7 +3,7 @@
 mod common;
 
 use bijective_sdf::autodiff::Tape;
-use bijective_sdf::geometry::{KdTree, farthest_point_sample};
+use bijective_sdf::geometry::{KdTree, PointTree, farthest_point_sample};
 use bijective_sdf::loss::Direction;
 use bijective_sdf::tensor::Tensor;
 use common::{cube, sphere};
@@ -14,10 +14,16 @@ fn trees(c: &mut Criterion) {
     for n in [3000, 20000] {
         let points = sphere(n, 0.5, 0.01, 1);
         c.bench_function(&format!("kd-tree build {n}"), |bench| bench.iter(|| KdTree::new(&points)));
+        c.bench_function(&format!("point tree build {n}"), |bench| bench.iter(|| PointTree::new(&points)));
     }
     let (few, many) = (sphere(3000, 0.5, 0.01, 1), sphere(20000, 0.5, 0.01, 2));
     let tree = KdTree::new(&few);
-    c.bench_function("nearest 20000 in 3000", |bench| bench.iter(|| tree.nearest_all(&many)));
+    for (name, shift) in [("", 0.0), (" far away", 3.0)] {
+        let moved: Vec<[f32; 3]> = many.iter().map(|p| [p[0] + shift, p[1], p[2]]).collect();
+        let (queries, points) = (PointTree::new(&moved), PointTree::new(&few));
+        let name = format!("nearest 20000 in 3000{name}");
+        c.bench_function(&name, |bench| bench.iter(|| points.nearest(&queries)));
+    }
     c.bench_function("8 nearest 3000 in 3000", |bench| bench.iter(|| tree.k_nearest(&few, 8)));
     c.bench_function("farthest points 300 of 20000", |bench| {
         bench.iter(|| farthest_point_sample(&many, 300, 0));

@@ -1,6 +1,6 @@
 //! Distances, normal consistency and F-scores between two surfaces.
 
-use crate::geometry::{KdTree, TriangleBvh};
+use crate::geometry::{PointTree, TriangleBvh};
 
 /// Points with or without unit normals.
 #[derive(Clone, Copy, Debug)]
@@ -130,13 +130,15 @@ impl Metrics {
 /// If a point is not finite or if `tau` is not positive.
 #[track_caller]
 pub fn compare_samples(pred: Samples<'_>, gt: Samples<'_>, tau: f64) -> Metrics {
-    let to = |from: Samples<'_>, to: Samples<'_>| {
-        let (index, dist_sq) = KdTree::new(to.points).nearest_all(from.points);
+    let tree = |s: Samples<'_>| PointTree::new(s.points);
+    let (pred_tree, gt_tree) = rayon::join(|| tree(pred), || tree(gt));
+    let to = |from: Samples<'_>, to: Samples<'_>, from_tree: &PointTree, to_tree: &PointTree| {
+        let (index, dist_sq) = to_tree.nearest(from_tree);
         let dist_sq = dist_sq.iter().map(|&d| f64::from(d));
         let normals = from.normals.zip(to.normals);
         directed(dist_sq, normals.map(|(a, b)| a.iter().zip(index.iter().map(|&i| b[i as usize]))), tau)
     };
-    Metrics { to_gt: to(pred, gt), to_pred: to(gt, pred), tau }
+    Metrics { to_gt: to(pred, gt, &pred_tree, &gt_tree), to_pred: to(gt, pred, &gt_tree, &pred_tree), tau }
 }
 
 /// Compares samples of each surface with the triangles of the other: exact distances, without a sampling floor.

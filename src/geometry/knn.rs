@@ -19,7 +19,8 @@ type Metric = SquaredEuclidean<f32>;
 
 const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
 
-/// A kd-tree over a fixed set of points.
+/// A kd-tree over a fixed set of points. For the nearest point of many queries, a [`PointTree`](super::PointTree) is
+/// faster.
 ///
 /// Answers are exact in this sense: the squared distance between two points is `dx*dx + dy*dy + dz*dz` in f32, summed
 /// in that order, and points are ranked by (squared distance, index), so among equally near points the one with the
@@ -35,20 +36,6 @@ impl std::fmt::Debug for KdTree {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.debug_struct("KdTree").field("len", &self.len).finish_non_exhaustive()
     }
-}
-
-/// `f` of every query, in parallel over fixed chunks.
-fn for_all(queries: &[[f32; 3]], f: impl Fn([f32; 3]) -> (u32, f32) + Sync) -> (Vec<u32>, Vec<f32>) {
-    let mut index = vec![0; queries.len()];
-    let mut dist_sq = vec![0.0; queries.len()];
-    index.par_chunks_mut(CHUNK).zip(dist_sq.par_chunks_mut(CHUNK)).zip(queries.par_chunks(CHUNK)).for_each(
-        |((index, dist_sq), queries)| {
-            for ((i, d), &q) in index.iter_mut().zip(dist_sq).zip(queries) {
-                (*i, *d) = f(q);
-            }
-        },
-    );
-    (index, dist_sq)
 }
 
 impl KdTree {
@@ -89,27 +76,6 @@ impl KdTree {
             return (first.item, first.distance);
         }
         (two[0].item, two[0].distance)
-    }
-
-    /// For each of `queries` (m x 3), the index of the nearest point (m) and the squared distance to it (m).
-    ///
-    /// # Panics
-    /// If a query is not finite or beyond 1e18.
-    pub fn nearest_all(&self, queries: &[[f32; 3]]) -> (Vec<u32>, Vec<f32>) {
-        for_all(queries, |q| self.nearest(q))
-    }
-
-    /// As [`nearest_all`](Self::nearest_all), but among points that are equally near up to rounding any one may be
-    /// returned, the same one for the same tree and query: one neighbour is searched instead of two.
-    ///
-    /// # Panics
-    /// If a query is not finite or beyond 1e18.
-    pub fn nearest_any(&self, queries: &[[f32; 3]]) -> (Vec<u32>, Vec<f32>) {
-        for_all(queries, |q| {
-            check_query(&q);
-            let found = self.tree.query(&q).nearest_one::<Metric>().execute();
-            (found.item, found.distance)
-        })
     }
 
     /// For each of `queries` (m x 3), the indices of its `k` nearest points, nearest first (m x k, row-major).
@@ -178,7 +144,7 @@ fn widen(dist_sq: f32) -> f32 {
     (dist_sq * SLACK + f32::MIN_POSITIVE).min(f32::MAX)
 }
 
-fn usable(p: &[f32; 3]) -> bool {
+pub(super) fn usable(p: &[f32; 3]) -> bool {
     p.iter().all(|x| x.abs() <= MAX_COORDINATE)
 }
 
@@ -188,13 +154,13 @@ fn check_query(q: &[f32; 3]) {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use crate::geometry::point_dist_sq;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
-    fn brute_ranked(points: &[[f32; 3]], q: [f32; 3]) -> Vec<(f32, u32)> {
+    pub fn brute_ranked(points: &[[f32; 3]], q: [f32; 3]) -> Vec<(f32, u32)> {
         let mut all: Vec<_> =
             points.iter().enumerate().map(|(i, p)| (point_dist_sq(p, &q), i as u32)).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
@@ -202,7 +168,7 @@ mod tests {
     }
 
     /// Small and awkward clouds: random, duplicated, planar, collinear, on a grid, far from the origin, tiny.
-    fn clouds() -> Vec<Vec<[f32; 3]>> {
+    pub fn clouds() -> Vec<Vec<[f32; 3]>> {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut all = Vec::new();
         let mut random = |n: usize, scale: f32, offset: f32| -> Vec<[f32; 3]> {
@@ -231,7 +197,7 @@ mod tests {
         all
     }
 
-    fn queries_for(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    pub fn queries_for(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         let mut rng = ChaCha8Rng::seed_from_u64(points.len() as u64);
         let mut q: Vec<[f32; 3]> = points.iter().step_by(points.len() / 20 + 1).copied().collect();
         for i in 0..60 {
@@ -253,24 +219,10 @@ mod tests {
             let tree = KdTree::new(&points);
             assert_eq!(tree.len(), points.len());
             let queries = queries_for(&points);
-            let (index, dist_sq) = tree.nearest_all(&queries);
-            for (j, &q) in queries.iter().enumerate() {
+            for &q in &queries {
+                let (index, dist_sq) = tree.nearest(q);
                 let want = brute_ranked(&points, q)[0];
-                assert_eq!((dist_sq[j], index[j]), want, "query {q:?} among {}", points.len());
-            }
-        }
-    }
-
-    #[test]
-    fn nearest_any_is_as_near_as_brute_force_up_to_rounding() {
-        for points in clouds() {
-            let tree = KdTree::new(&points);
-            let queries = queries_for(&points);
-            let (index, dist_sq) = tree.nearest_any(&queries);
-            for ((&i, &d), &q) in index.iter().zip(&dist_sq).zip(&queries) {
-                let want = brute_ranked(&points, q)[0].0;
-                assert_eq!(d, point_dist_sq(&points[i as usize], &q), "the distance is that of the index");
-                assert!(d <= widen(want), "query {q:?} among {}: {d} instead of {want}", points.len());
+                assert_eq!((dist_sq, index), want, "query {q:?} among {}", points.len());
             }
         }
     }
@@ -309,7 +261,7 @@ mod tests {
         let tree = KdTree::new(points);
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| (tree.nearest_all(&queries), tree.k_nearest(&queries, 5)))
+            pool.install(|| tree.k_nearest(&queries, 5))
         };
         assert_eq!(run(1), run(3));
     }
@@ -317,7 +269,6 @@ mod tests {
     #[test]
     fn empty_queries_give_empty_answers() {
         let tree = KdTree::new(&[[0.0; 3]]);
-        assert_eq!(tree.nearest_all(&[]), (vec![], vec![]));
         assert!(tree.k_nearest(&[], 1).is_empty());
         assert_eq!(tree.within([0.0; 3], f32::INFINITY), [(0, 0.0)]);
     }

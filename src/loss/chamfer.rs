@@ -1,7 +1,7 @@
 //! The squared Chamfer distance between two clouds.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::geometry::KdTree;
+use crate::geometry::PointTree;
 use crate::tensor::Tensor;
 
 /// Which nearest neighbours enter a [`chamfer`](Tape::chamfer) distance.
@@ -33,12 +33,12 @@ struct Nearest {
     of_b: Vec<u32>,
 }
 
-/// Mean squared distance and nearest indices of `from` in `to`.
-fn one_way(from: &[[f32; 3]], to: &[[f32; 3]], weight: f32) -> (f64, Vec<u32>) {
+/// Weighted mean squared distance and nearest indices of `from` in `to`.
+fn one_way(from: &PointTree, to: &PointTree, weight: f32) -> (f64, Vec<u32>) {
     if weight == 0.0 {
         return (0.0, Vec::new());
     }
-    let (index, distance_sq) = KdTree::new(to).nearest_any(from);
+    let (index, distance_sq) = to.nearest(from);
     let sum: f64 = distance_sq.iter().map(|&d| f64::from(d)).sum();
     (f64::from(weight) * sum / from.len() as f64, index)
 }
@@ -70,8 +70,12 @@ impl Op<2> for Chamfer {
 
     fn forward(&self, [a, b]: [&Tensor; 2]) -> (Tensor, Nearest) {
         let (pa, pb) = (points("first cloud", a), points("second cloud", b));
-        let (forward, of_a) = one_way(pa, pb, self.direction.forward);
-        let (backward, of_b) = one_way(pb, pa, self.direction.backward);
+        // Each direction needs both trees: one to search in, one for the order of the queries.
+        let (ta, tb) = rayon::join(|| PointTree::new(pa), || PointTree::new(pb));
+        let ((forward, of_a), (backward, of_b)) = rayon::join(
+            || one_way(&ta, &tb, self.direction.forward),
+            || one_way(&tb, &ta, self.direction.backward),
+        );
         let mut y = a.dirty(&[1, 1]);
         y.data_mut()[0] = (forward + backward) as f32;
         (y, Nearest { of_a, of_b })

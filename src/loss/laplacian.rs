@@ -55,9 +55,12 @@ impl Op<1> for Laplacian {
         let mut dx = dy.zeros_like_pool(at.x[0].dims());
         let scale = 2.0 * dy.item() / delta.len().max(1) as f32;
         let out = dx.data_mut().as_chunks_mut::<3>().0;
+        // What a vertex pulls at each of its neighbours: once for each vertex, not for each of its edges.
+        let pulls: Vec<[f32; 3]> =
+            delta.iter().zip(inverse).map(|(delta, inverse)| delta.map(|d| scale * d * inverse)).collect();
         each_edge(&self.faces, |i, j| {
             for d in 0..3 {
-                let g = scale * delta[i][d] * inverse[i];
+                let g = pulls[i][d];
                 out[j][d] += g;
                 out[i][d] -= g;
             }

@@ -1,7 +1,7 @@
 //! Pulling points onto the nearest point of a target.
 
 use crate::autodiff::{Tape, Var};
-use crate::geometry::KdTree;
+use crate::geometry::nearest_points;
 
 /// The mean over v of |moved_i - t_p(i)|^2, where t_p(i) is the target point nearest to where vertex i came from.
 ///
@@ -13,7 +13,7 @@ use crate::geometry::KdTree;
 /// If the shapes do not fit, a cloud is empty or not finite.
 #[track_caller]
 pub fn pull(tape: &mut Tape, from: &[[f32; 3]], moved: Var, target: Var) -> Var {
-    let (nearest, _) = KdTree::new(&tape.value(target).to_points()).nearest_all(from);
+    let (nearest, _) = nearest_points(from, &tape.value(target).to_points());
     let nearest = tape.gather_rows(target, nearest);
     let off = tape.sub(moved, nearest);
     let off = tape.square(off);
