@@ -8,6 +8,7 @@ mod field;
 mod gauss;
 mod network;
 mod pass;
+mod rows;
 mod start;
 
 pub use deform::{Deformation, deform};
