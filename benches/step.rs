@@ -73,13 +73,12 @@ fn bsp(c: &mut Criterion) {
         let points = sphere(n, 0.5, 0.0, 1);
         let bsp = Bsp::new(config, &points, &mut rng(2));
         let whole = Neighbourhood::whole(&points, &config);
-        let cloud = Arc::new(Tensor::from_points(&points));
         let mut tape = Tape::new();
         c.bench_function(&format!("bsp {n}x10{kind}"), |bench| {
             bench.iter(|| {
                 tape.clear();
                 let p = bsp.params().bind(&mut tape, true);
-                let q = tape.shared(cloud.clone(), false);
+                let q = tape.constant(Tensor::from_points(&points));
                 let out = bsp.forward(&mut tape, &p, q, &whole);
                 let loss = tape.chamfer(out.surface, q, Direction::BOTH);
                 p.collect(&mut tape.backward(loss))
