@@ -72,7 +72,7 @@ impl Error {
         self
     }
 
-    /// Adds the element it happened at, such as `vertex 17` or `option grid.resolution`.
+    /// Adds the element it happened at, such as `vertex 17` or `option field.width`.
     #[must_use]
     pub fn at_element(mut self, element: impl Into<String>) -> Self {
         self.0.element = Some(element.into());

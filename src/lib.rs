@@ -36,15 +36,15 @@
 //!   ([`geometry::Normalizer`]). Lengths in [`Config`] are in the working frame.
 //! - **Sign.** The field is negative inside.
 //! - **Winding.** Faces run counter-clockwise seen from outside, so a closed mesh has a positive volume.
-//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes, k neighbours, c channels, h heads,
-//!   v vertices, e edges, t tetrahedra, f faces; b centres of a block, i points of S. Tensors are row-major.
+//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes, k neighbours, c channels, h
+//!   heads, v vertices, e edges, t tetrahedra, f faces; b centres of a block, i points of S. Tensors are row-major.
 //! - **Randomness.** The seed is part of the options. The same input, seed and options give the same bytes for any
 //!   number of threads on one machine.
 //! - **Errors.** Wrong data gives an [`Error`] with where and what to do; wrong shapes are bugs and panic, naming both.
 //!
 //! # Modules
 //!
-//! Arrows point down: a module uses those after it.
+//! A module uses those below it; `io` uses `geometry` only, and `evaluate` everything but the training.
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
 //! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).

@@ -9,11 +9,13 @@ use std::sync::Arc;
 /// s = Psi(phi(features), p): a decoder block whose queries are embedded codes and whose memory is the features of
 /// all points (equation 2 of the paper), then a perceptron to space.
 ///
-/// With `average_positions`, s is the average of the attended points' positions under the attention's own weights, plus the
-/// perceptron's output times the mean spacing of the cloud: the surface starts among the points instead of anywhere.
+/// With `average_positions`, s is the average of the attended points' positions under the attention's own weights,
+/// plus the perceptron's output times the mean spacing of the cloud: the surface starts among the points instead of
+/// anywhere.
 ///
-/// Shapes: features c x channels, points c x 3, patches (b M) x 3 to (b M) x 3. Parameters: `query` and `memory` (to c and c channels),
-/// `block` (the decoder block), `out` (c to c to c to 3). The frequencies of the code embedding are fixed.
+/// Shapes: features c x channels, points c x 3, patches (b M) x 3 to (b M) x 3. Parameters: `query` and `memory` (to c
+/// and c channels), `block` (the decoder block), `out` (c to c to c to 3). The frequencies of the code embedding are
+/// fixed.
 #[derive(Clone, Debug)]
 pub struct Inverse {
     embedding: GaussianFourier,
@@ -48,9 +50,9 @@ impl Inverse {
         }
     }
 
-    /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (c x channels) and positions
-    /// (c x 3) of a context; `reach` lists the rows of the context that each centre's patch attends to (b r), or
-    /// `None` for all.
+    /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (c x channels) and
+    /// positions (c x 3) of a context; `reach` lists the rows of the context that each centre's patch attends to (b
+    /// r), or `None` for all.
     ///
     /// # Panics
     /// If the shapes do not fit.

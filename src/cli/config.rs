@@ -1,6 +1,6 @@
 //! `presets` and `config`: what can be chosen.
 
-use bijective_sdf::reconstruct::{Config, Preset};
+use bijective_sdf::reconstruct::{Config, Phase, Preset};
 use clap::Args;
 
 use super::failure::Failure;
@@ -21,19 +21,22 @@ pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     print(format!("# Preset `{preset}`. Delete what you do not change.\n{}", to_toml(&config)))
 }
 
-/// Prints the names of the presets and what they are for.
+/// Prints the names of the presets and what they do.
 pub fn list_presets() -> Result<(), Failure> {
     let mut text = String::new();
     for preset in Preset::ALL {
-        let about = match preset {
-            Preset::Paper => "the paper's equations and constants, literally",
-            Preset::Fast => "a first look",
-            Preset::Default => "the best accuracy for the time",
-            Preset::Fine => "more steps on a finer grid",
-            #[allow(unreachable_patterns)]
-            _ => "",
-        };
-        text += &format!("{:8} {about}\n", preset.name());
+        let config = Config::preset(preset);
+        let stages = config.stages.iter().map(|s| format!("{} on {} cubes", s.steps, s.resolution));
+        let steps = [Phase::Start, Phase::Pretrain].map(|phase| config.steps_in(phase));
+        text += &format!(
+            "{:8} field {} x {}; steps: {} for the first shape, {} for the parameterization alone, then {}\n",
+            preset.name(),
+            config.field.depth,
+            config.field.width,
+            steps[0],
+            steps[1],
+            stages.collect::<Vec<_>>().join(" and "),
+        );
     }
     print(text)
 }

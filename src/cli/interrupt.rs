@@ -1,4 +1,5 @@
-//! Ctrl-C: during training it asks for a checkpoint, at any other time and the second time it ends the program.
+//! Ctrl-C, and the signals to terminate and to hang up: during training they ask for a checkpoint, at any other time
+//! and the second time they end the program.
 
 use std::process;
 use std::sync::Arc;
@@ -22,7 +23,8 @@ impl Interrupt {
         let seen = Arc::clone(&state);
         ctrlc::set_handler(move || {
             if seen.compare_exchange(TRAINING, ASKED, Ordering::SeqCst, Ordering::SeqCst).is_err() {
-                // Results are written to temporary files first, so ending here leaves no half of one.
+                // Results are written to temporary files first, so ending here leaves no half of one (but maybe a
+                // temporary file).
                 process::exit(130);
             }
             say("\nfinishing the step and writing a checkpoint; press Ctrl-C again to end at once");

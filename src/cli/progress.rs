@@ -3,7 +3,7 @@
 use std::io::{self, IsTerminal};
 use std::time::{Duration, Instant};
 
-use bijective_sdf::reconstruct::{Phase, StepReport};
+use bijective_sdf::reconstruct::{Phase, StepReport, Trainer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::files::say;
@@ -29,8 +29,9 @@ enum Shown {
 }
 
 impl Progress {
-    /// Progress over `total` steps of which `before` are made already.
-    pub fn new(total: usize, before: usize, quiet: bool) -> Self {
+    /// Progress of a training, some steps of which may be made already.
+    pub fn new(trainer: &Trainer, quiet: bool) -> Self {
+        let (total, before) = (trainer.total_steps(), trainer.steps_done());
         let shown = if quiet {
             Shown::Nothing
         } else if io::stderr().is_terminal() {
@@ -45,14 +46,23 @@ impl Progress {
         } else {
             Shown::Lines { last: None }
         };
-        Progress { shown, phase: None, began: Instant::now(), before, total, recoveries: 0 }
+        Progress {
+            shown,
+            phase: None,
+            began: Instant::now(),
+            before,
+            total,
+            recoveries: trainer.recoveries(),
+        }
     }
 
-    /// Shows the losses of a step, after `done` steps of the whole training and so many returns to an earlier state.
-    pub fn step(&mut self, done: usize, report: &StepReport, recoveries: usize) {
-        if recoveries > self.recoveries {
-            self.recoveries = recoveries;
-            self.note("training went wrong and goes on from an earlier state with smaller steps");
+    /// Shows the losses of a step.
+    pub fn step(&mut self, trainer: &Trainer, report: &StepReport) {
+        let done = trainer.steps_done();
+        if trainer.recoveries() > self.recoveries {
+            self.recoveries = trainer.recoveries();
+            let reason = trainer.last_recovery().unwrap_or("training went wrong");
+            self.note(&format!("{reason}; going on from an earlier state with smaller steps"));
         }
         let new_phase = self.phase.is_none_or(|(phase, ..)| phase != report.phase);
         if new_phase {
@@ -99,15 +109,11 @@ impl Progress {
             Phase::Start => format!("first shape  distance {:.2e}", r.loss),
             Phase::Pretrain => format!("parameterization alone  para {:.2e}", r.para),
             Phase::Train => {
-                format!(
-                    "{}loss {:.2e}  para {:.2e}  deform {:.2e}  surf {:.2e}  grid {}",
-                    self.left(done),
-                    r.loss,
-                    r.para,
-                    r.deform,
-                    r.surf,
-                    r.resolution
-                )
+                let mut text = format!("{}loss {:.2e}", self.left(done), r.loss);
+                for (name, value) in r.terms().into_iter().filter(|(_, value)| *value > 0.0) {
+                    text += &format!("  {name} {value:.1e}");
+                }
+                text + &format!("  grid {}", r.resolution)
             }
         }
     }

@@ -159,12 +159,9 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
 /// Adds what training and meshing came to.
 pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object {
     let losses = trained.last.as_ref().map_or("null".to_string(), |r| {
-        Object::new()
-            .number("loss", f64::from(r.loss))
-            .number("para", f64::from(r.para))
-            .number("deform", f64::from(r.deform))
-            .number("surf", f64::from(r.surf))
-            .finish()
+        let loss = Object::new().number("loss", f64::from(r.loss));
+        let terms = r.terms().into_iter();
+        terms.fold(loss, |json, (name, value)| json.number(name, f64::from(value))).finish()
     });
     json.count("steps", trained.steps)
         .count("total_steps", trained.total)

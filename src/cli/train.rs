@@ -51,7 +51,7 @@ pub fn train(
         Some(path) => Trainer::resume(path, points, config).map_err(Failure::Input)?,
         None => Trainer::new(points, config)?,
     };
-    let mut progress = Progress::new(trainer.total_steps(), trainer.steps_done(), plan.quiet);
+    let mut progress = Progress::new(&trainer, plan.quiet);
     if let Some(path) = &plan.resume {
         progress.note(&format!("going on after step {} of {}", trainer.steps_done(), path.display()));
     }
@@ -67,7 +67,7 @@ pub fn train(
         if report.para > 0.0 || last.is_none_or(|l: StepReport| l.para == 0.0 || l.phase != report.phase) {
             last = Some(report);
         }
-        progress.step(trainer.steps_done(), last.as_ref().unwrap_or(&report), report.recoveries);
+        progress.step(&trainer, last.as_ref().unwrap_or(&report));
         if interrupt.is_some_and(Interrupt::asked) {
             break;
         }

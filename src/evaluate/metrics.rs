@@ -123,8 +123,8 @@ impl Metrics {
 /// Compares samples of a prediction with samples of a ground truth by nearest neighbours among the samples.
 ///
 /// Two independent sets of `n` samples of one surface of area `A` are about `sqrt(A / n) / 2` apart, so a perfect
-/// prediction does not score 0; [`compare_surfaces`] has no such floor. `tau` is the threshold of the F-score (distances
-/// strictly below it count), in the units of the points. Sums are f64 in index order.
+/// prediction does not score 0; [`compare_surfaces`] has no such floor. `tau` is the threshold of the F-score
+/// (distances strictly below it count), in the units of the points. Sums are f64 in index order.
 ///
 /// # Panics
 /// If a point is not finite or if `tau` is not positive.

@@ -92,8 +92,8 @@ pub struct Report {
 
 /// Compares `pred` with the ground truth; both must be in the same frame and are not aligned.
 ///
-/// Ground truth, prediction and floor are sampled with three different seeds made from `options.seed`. The result is the
-/// same for any thread count.
+/// Ground truth, prediction and floor are sampled with three different seeds made from `options.seed`. The result is
+/// the same for any thread count.
 ///
 /// # Errors
 /// [`ErrorKind::NoSurface`] if the prediction has no face, [`ErrorKind::Data`] if either surface is unusable (which one

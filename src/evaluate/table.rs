@@ -17,8 +17,8 @@ impl Table {
     }
 
     /// The usual columns in the units of published tables: `10 CD_L1`, `100 CD_L2`, `NC`, `HD`, F-scores at half, once
-    /// and twice the threshold, `10 acc`, `10 comp`, and for comparison the sampling floor of `10 CD_L1` and the floorless
-    /// `10 CD_L1` to the true triangles. `None` is a shape that failed: its row has no values.
+    /// and twice the threshold, `10 acc`, `10 comp`, and for comparison the sampling floor of `10 CD_L1` and the
+    /// floorless `10 CD_L1` to the true triangles. `None` is a shape that failed: its row has no values.
     pub fn of_reports<'a>(reports: impl IntoIterator<Item = (&'a str, Option<&'a Report>)>) -> Self {
         let mut table = Table::new([
             "10 CD_L1",

@@ -1,5 +1,6 @@
 //! The signed distance field g: a multilayer perceptron over a Fourier encoding, and its spatial gradient written
-//! with ordinary tape operations.
+//! with ordinary tape operations. Training takes the same arithmetic from [`FieldPass`](super::FieldPass), which needs
+//! no tape; what is here is for losses of one's own, and what that pass is tested against.
 //!
 //! The losses depend on grad g, so training needs second derivatives. One reverse sweep through the layers (multiply
 //! by the activation's slope, then by the transposed weight) puts grad g on the tape; pulling back through that is
@@ -63,8 +64,8 @@ impl FieldConfig {
 /// [`Deformation::Offset`](super::Deformation)).
 ///
 /// Hidden layer l: h = act(h W_l + b_l), with the encoding joined to its input (both divided by sqrt 2) at `skip`; then
-/// a linear layer to one value (or four). Parameters: `field.L.weight` (c_in x c_out) and `field.L.bias` (1 x c_out), geometrically
-/// initialised so that g(x) is about |x| - radius (Atzmon and Lipman 2020).
+/// a linear layer to one value (or four). Parameters: `field.L.weight` (c_in x c_out) and `field.L.bias` (1 x c_out),
+/// geometrically initialised so that g(x) is about |x| - radius (Atzmon and Lipman 2020).
 #[derive(Clone, Debug)]
 pub struct Field {
     config: FieldConfig,

@@ -17,6 +17,8 @@ use rayon::prelude::*;
 /// for 14,623 points of a street the mean distance to the surface was 0.0019 of the longest side from 1,500 sources
 /// and 0.0021 from 3,000, on 96 cubes.
 const MAX_SOURCES: usize = 1500;
+/// Points closer than the working frame can tell apart have no spacing; a kernel is at least this wide.
+const LEAST_WIDTH: f64 = 1e-6;
 /// Neighbours that measure the local spacing.
 const SPACING_NEIGHBOURS: usize = 7;
 /// Points evaluated at a time by one thread.
@@ -61,7 +63,8 @@ impl GaussField {
             points
         };
         let n = points.len();
-        let widths: Vec<f64> = spacing(points).iter().map(|s| f64::from(width) * s).collect();
+        let widths: Vec<f64> =
+            spacing(points).iter().map(|s| (f64::from(width) * s).max(LEAST_WIDTH)).collect();
 
         // A is n x 3n; its columns hold the kernel of one source at all points. A A^T is summed over slabs of sources.
         let places: [Vec<f64>; 3] = std::array::from_fn(|d| points.iter().map(|p| f64::from(p[d])).collect());

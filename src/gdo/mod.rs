@@ -16,4 +16,4 @@ pub use faces::sample_faces;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use gauss::GaussField;
 pub use pass::{FieldPass, FieldValues};
-pub use start::{ShapeFit, ShapeFitStep, gauss_shape};
+pub use start::{ShapeFit, ShapeFitStep, best_gauss_shape, gauss_shape};

@@ -35,7 +35,7 @@ pub(super) struct Seeds<'a> {
     pub sdf: &'a [f32],
     /// At grad g, n x 3.
     pub gradient: &'a [f32],
-    /// At the displacement, n x 3, if the field has one.
+    /// At the displacement, n x 3; none is zeros.
     pub offset: Option<&'a [f32]>,
 }
 
@@ -354,8 +354,9 @@ impl Block {
         let at_outputs = room(&mut scratch.outputs, n * outputs);
         for (i, row) in at_outputs.chunks_exact_mut(outputs).enumerate() {
             row[0] = seeds.sdf[i];
-            if let Some(offset) = seeds.offset {
-                row[1..].copy_from_slice(&offset[3 * i..3 * i + 3]);
+            match seeds.offset {
+                Some(offset) => row[1..].copy_from_slice(&offset[3 * i..3 * i + 3]),
+                None => row[1..].fill(0.0),
             }
         }
         add_row_sums(&mut total[db], at_outputs);
@@ -488,7 +489,8 @@ mod tests {
         let out = field.outputs(&mut tape, &p, x);
         let mut seeds = vec![(out.sdf, d.sdf.clone()), (out.gradient, d.gradient.clone())];
         seeds.extend(out.offset.zip(d.offset.clone()));
-        let values: Vec<Tensor> = seeds.iter().map(|(var, _)| tape.value(*var).clone()).collect();
+        let values = [Some(out.sdf), Some(out.gradient), out.offset];
+        let values: Vec<Tensor> = values.iter().flatten().map(|var| tape.value(*var).clone()).collect();
         let gradients = p.collect(&mut tape.pull(seeds));
         values.into_iter().chain(gradients.into_iter().flatten()).collect()
     }
@@ -496,7 +498,10 @@ mod tests {
     #[test]
     fn agrees_with_the_tape_for_every_kind_of_network() {
         for (depth, skip) in [(1, None), (2, None), (2, Some(1)), (3, Some(1)), (4, Some(3))] {
-            for (octaves, offset) in [(0, false), (2, false), (1, true)] {
+            // With a displacement, and a loss that depends on it or does not.
+            for (octaves, offset, moved) in
+                [(0, false, false), (2, false, false), (1, true, true), (1, true, false)]
+            {
                 for activation in ACTIVATIONS {
                     let field = field(config(depth, skip, octaves, activation), offset, depth as u64);
                     for n in 1..12 {
@@ -504,7 +509,7 @@ mod tests {
                         let d = FieldValues {
                             sdf: normal(&[n, 1], 1),
                             gradient: normal(&[n, 3], 2),
-                            offset: offset.then(|| normal(&[n, 3], 3)),
+                            offset: moved.then(|| normal(&[n, 3], 3)),
                         };
                         let mut pass = FieldPass::new();
                         let values = pass.forward(&field, &x, &Pool::default());

@@ -59,13 +59,13 @@ impl Bounds {
 /// The map from the input's frame to the working frame and back.
 ///
 /// In the working frame the bounding box of the points it was made from is centred at the origin and its longest side
-/// is 1. With centre `c` and longest side `l`, `forward(x) = (x - c) / l` and `inverse(y) = y * l + c`, both evaluated in
-/// double precision and rounded once to f32.
+/// is 1. With centre `c` and longest side `l`, `forward(x) = (x - c) / l` and `inverse(y) = y * l + c`, both evaluated
+/// in double precision and rounded once to f32.
 ///
 /// Round trip, for `x` inside the box: the one rounding that matters is that of `y` to f32, at most `2^-26` as `|y| <=
 /// 1/2`, which is `l * 2^-26` in the input's frame.
-/// - Wherever `|x| > l / 2` that is less than half a unit in the last place of `x`, so `inverse(forward(x)) == x` bit for
-///   bit. A box far from the origin (map coordinates, a scan in metres) is therefore reproduced exactly.
+/// - Wherever `|x| > l / 2` that is less than half a unit in the last place of `x`, so `inverse(forward(x)) == x` bit
+///   for bit. A box far from the origin (map coordinates, a scan in metres) is therefore reproduced exactly.
 /// - Elsewhere the result is within one unit in the last place of the box's largest absolute coordinate, which is at
 ///   least `l / 2`. Exactness is not possible there: the working frame has fewer f32 numbers than the input's frame has
 ///   near its origin.

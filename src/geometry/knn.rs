@@ -25,8 +25,8 @@ const TWO: NonZeroUsize = NonZeroUsize::new(2).unwrap();
 /// Answers are exact in this sense: the squared distance between two points is `dx*dx + dy*dy + dz*dz` in f32, summed
 /// in that order, and points are ranked by (squared distance, index), so among equally near points the one with the
 /// smallest index comes first. Duplicates, planes, lines and grids are fine. The answer does not depend on the thread
-/// count nor on how queries are grouped. A query costs more where very many points are equally near, such as thousands of
-/// copies of one point.
+/// count nor on how queries are grouped. A query costs more where very many points are equally near, such as thousands
+/// of copies of one point.
 pub struct KdTree {
     tree: ImmutableKdTree<f32, 3>,
     len: usize,
@@ -81,8 +81,8 @@ impl KdTree {
     /// For each of `queries` (m x 3), the indices of its `k` nearest points, nearest first (m x k, row-major).
     ///
     /// # Panics
-    /// If `k` exceeds the number of points (the caller knows whether fewer neighbours make sense, so nothing is padded),
-    /// or if a query is not finite or beyond 1e18.
+    /// If `k` exceeds the number of points (the caller knows whether fewer neighbours make sense, so nothing is
+    /// padded), or if a query is not finite or beyond 1e18.
     #[track_caller]
     pub fn k_nearest(&self, queries: &[[f32; 3]], k: usize) -> Vec<u32> {
         assert!(k <= self.len, "KdTree::k_nearest: {k} neighbours asked of {} points", self.len);

@@ -1,8 +1,8 @@
 //! The nearest point for many queries at once.
 //!
-//! A [`KdTree`](super::KdTree) answers queries one by one. Here the queries are sorted into a tree, too, and those of one
-//! leaf go down the other tree together: the loops run over queries side by side, neighbouring queries touch the same
-//! memory, and each group starts from what the one before it found, so most of the tree is never entered.
+//! A [`KdTree`](super::KdTree) answers queries one by one. Here the queries are sorted into a tree, too, and those of
+//! one leaf go down the other tree together: the loops run over queries side by side, neighbouring queries touch the
+//! same memory, and each group starts from what the one before it found, so most of the tree is never entered.
 // A loop over lanes indexes several arrays at once; written with iterators and closures it was not vectorised.
 #![allow(clippy::needless_range_loop)]
 
@@ -63,8 +63,8 @@ impl Subtree {
 /// Points sorted in space, to find for each point of one set the nearest of another.
 ///
 /// Answers are exact: the squared distance between two points is `dx*dx + dy*dy + dz*dz` in f32, summed in that order,
-/// and among equally near points the one with the smallest index is found. Duplicates, planes, lines and grids are fine,
-/// and so are sets that are far from each other. The answer does not depend on the thread count.
+/// and among equally near points the one with the smallest index is found. Duplicates, planes, lines and grids are
+/// fine, and so are sets that are far from each other. The answer does not depend on the thread count.
 pub struct PointTree {
     nodes: Vec<Node>,
     leaves: Vec<Leaf>,
@@ -161,8 +161,8 @@ impl PointTree {
         gap_sq(&self.nodes[at.node as usize], q)
     }
 
-    /// The nearest point of each of `LANES` queries. The search begins in the leaf `start` and leaves there the last leaf
-    /// it looked into.
+    /// The nearest point of each of `LANES` queries. The search begins in the leaf `start` and leaves there the last
+    /// leaf it looked into.
     #[inline(never)] // Alone, its loops are vectorised; inside the caller's closure they were not.
     fn search(&self, q: &[Lanes; 3], start: &mut u32, pending: &mut Vec<Subtree>) -> ([u32; LANES], Lanes) {
         let began = *start;

@@ -38,7 +38,8 @@ pub enum Shape {
         /// Width over which the two tubes blend; 0 leaves a crease.
         blend: f64,
     },
-    /// Two tori linked like a chain: one around z, one around y, each through the other's hole (two parts, genus 1 each).
+    /// Two tori linked like a chain: one around z, one around y, each through the other's hole (two parts, genus 1
+    /// each).
     LinkedTori {
         /// Radius of the circles the tubes follow.
         major: f64,
@@ -98,8 +99,8 @@ impl Shape {
     ///
     /// Uniform points in the box are kept if the surface is within 0.01 to first order, and moved onto it by Newton
     /// steps along the gradient. Both sides of the shell cancel in first order, so the density differs from uniform by
-    /// the factor `1 + K * 0.01^2 / 3`, where `K` is the Gaussian curvature: below 0.3 % for features of size 0.1 and up.
-    /// The same seed gives the same bytes for any thread count.
+    /// the factor `1 + K * 0.01^2 / 3`, where `K` is the Gaussian curvature: below 0.3 % for features of size 0.1 and
+    /// up. The same seed gives the same bytes for any thread count.
     pub fn sample(&self, count: usize, seed: u64) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
         let mut points = vec![[0.0; 3]; count];
         let mut normals = vec![[0.0; 3]; count];

@@ -4,10 +4,10 @@ use std::f64::consts::PI;
 
 /// `m` near-uniform points on the unit sphere (m x 3), the golden-angle spiral with half-step offset.
 ///
-/// Point `i` has height `z = 1 - (2i + 1) / m` and longitude `i` times the golden angle `pi * (3 - sqrt 5)`. Equal height
-/// steps cut the sphere into bands of equal area, so each point stands for the same area `4 pi / m`; the half step keeps
-/// points off the poles. See Gonzalez (2010), "Measurement of areas on a sphere using Fibonacci and latitude-longitude
-/// lattices".
+/// Point `i` has height `z = 1 - (2i + 1) / m` and longitude `i` times the golden angle `pi * (3 - sqrt 5)`. Equal
+/// height steps cut the sphere into bands of equal area, so each point stands for the same area `4 pi / m`; the half
+/// step keeps points off the poles. See Gonzalez (2010), "Measurement of areas on a sphere using Fibonacci and
+/// latitude-longitude lattices".
 pub fn fibonacci_sphere(m: usize) -> Vec<[f32; 3]> {
     let golden = PI * (3.0 - 5f64.sqrt());
     (0..m)

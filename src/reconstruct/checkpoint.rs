@@ -1,7 +1,7 @@
 //! Saving a run or its result, and taking it up again.
 
 use super::store::{Checksum, Store, damaged};
-use super::trainer::{Learned, Snapshot, blank_field, prepare};
+use super::trainer::{Learned, RECOVERIES, Snapshot, blank_field, prepare};
 use super::{Config, Preset, Reconstruction, Trainer};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::Normalizer;
@@ -49,6 +49,9 @@ impl Trainer {
             let mut trainer = Trainer::blank(prepared);
             store.check_tensors(&trainer.to_store().tensors)?;
             trainer.recoveries = store.parse("recoveries")?;
+            if trainer.recoveries > RECOVERIES {
+                return Err(damaged(format!("{} recoveries", trainer.recoveries)));
+            }
             let now = read_snapshot(&store, "now", &trainer)?;
             trainer.good = read_snapshot(&store, "good", &trainer)?;
             if trainer.good.step > now.step || now.step > trainer.total_steps() {
@@ -248,7 +251,8 @@ mod tests {
         blocks.batch = Batch { points: 40, centres: 30 };
         blocks.surface_samples = 50;
         let sparse = Config { parameterization: Parameterization::None, ..tiny() };
-        for config in [tiny(), blocks, sparse] {
+        let offset = Config { deformation: Deformation::Offset, ..tiny() };
+        for config in [tiny(), blocks, sparse, offset] {
             let straight = bits(&run(&points, &config));
             // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between
             // two searches for the band.

@@ -20,9 +20,10 @@ pub enum StartShape {
 pub struct Start {
     /// Which shape. Default `gauss`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
-    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings. Default 0.5.
+    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings. Default 0: of 0.25,
+    /// 0.5 and 1 the one whose surface fits the points best.
     pub width: f32,
-    /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
+    /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.01.
     pub regularity: f64,
     /// Steps of the regression. Default 400.
     pub steps: usize,
@@ -165,7 +166,8 @@ impl Config {
             let growth = (n as f64 / USUAL_POINTS as f64).powf(0.25).min(2.0);
             for stage in &mut self.stages {
                 let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
-                stage.resolution = scaled.min(SCALED_RESOLUTION).max(stage.resolution);
+                let most = SCALED_RESOLUTION.min(2 * stage.resolution);
+                stage.resolution = scaled.min(most).max(stage.resolution);
             }
             if self.bsp.reach == 0 {
                 self.bsp.reach = LOCAL_REACH;
@@ -214,6 +216,9 @@ impl Config {
         within("field.depth", f.depth, 1, 32)?;
         within("field.octaves", f.octaves, 0, 16)?;
         positive("field.frequency", f.frequency, 1000.0)?;
+        let highest = f.frequency * (1u32 << f.octaves.saturating_sub(1)) as f32;
+        let advice = "lower field.frequency or field.octaves: frequency 2^(octaves - 1) may be at most 1000";
+        check("field.octaves", f.octaves == 0 || highest <= 1000.0, f.octaves, advice)?;
         positive("field.radius", f.radius, 0.57)?;
         if let Activation::Softplus { beta } = f.activation {
             positive("field.activation", beta, 1e6)?;
@@ -239,7 +244,7 @@ impl Config {
         if let Parameterization::Multiple { maps } = self.parameterization {
             within("parameterization", maps, 2, 256)?;
         }
-        positive("start.width", self.start.width, 100.0)?;
+        not_negative("start.width", f64::from(self.start.width))?;
         not_negative("start.regularity", self.start.regularity)?;
         positive("start.rate", self.start.rate, 1.0)?;
         for (key, rate) in [("field_rate", &self.field_rate), ("bsp_rate", &self.bsp_rate)] {
@@ -275,6 +280,9 @@ impl Config {
         }
         let fits = w.deform_decay > 0.0 && w.deform_decay <= 1.0;
         check("weights.deform_decay", fits, w.deform_decay, "use more than 0 and at most 1 (constant)")?;
+        let least = w.deform * w.deform_decay;
+        let advice = "use 0, or so much that weights.deform times weights.deform_decay is at least 1e-20";
+        check("weights.deform", w.deform == 0.0 || least >= 1e-20, w.deform, advice)?;
         within("stages", self.stages.len(), 1, 100)?;
         within("band.refresh", self.band.refresh, 1, 1_000_000)?;
         within("band.rings", self.band.rings, 0, 64)?;

@@ -14,9 +14,9 @@ mod config;
 mod model;
 mod objective;
 mod options;
+mod phases;
 mod preset;
 mod run;
-mod start;
 mod step;
 #[cfg(feature = "checkpoint")]
 mod store;
@@ -24,9 +24,9 @@ mod trainer;
 
 pub use config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights};
 pub use model::Reconstruction;
+pub use phases::Phase;
 pub use preset::Preset;
 pub use run::{Event, reconstruct};
-pub use start::Phase;
 pub use step::StepReport;
 pub use trainer::Trainer;
 

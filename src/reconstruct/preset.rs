@@ -1,4 +1,4 @@
-//! The named configurations. The numbers of `fast`, `default` and `fine` are all here.
+//! The named configurations, with all their numbers.
 
 use super::config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights};
 use crate::bsp::{BspConfig, Parameterization};
@@ -11,13 +11,13 @@ use std::str::FromStr;
 /// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Preset {
-    /// The paper's equations and constants, literally; slow on a CPU.
+    /// The equations, constants and field of the paper; what it leaves open keeps a run at minutes.
     Paper,
     /// A quick look.
     Fast,
-    /// For a few hundred points in under a minute; departs from the paper where that measured better (README).
+    /// For a few hundred points in about half a minute; departs from the paper where that measured better (README).
     Default,
-    /// More steps on a finer grid.
+    /// A wider field on a finer grid.
     Fine,
 }
 
@@ -132,7 +132,7 @@ fn default() -> Config {
         },
         bsp_pretrain: 100,
         bsp_every: 2,
-        start: Start { shape: StartShape::Gauss, width: 0.5, regularity: 0.05, steps: 400, rate: 2e-3 },
+        start: Start { shape: StartShape::Gauss, width: 0.0, regularity: 0.01, steps: 400, rate: 2e-3 },
         target: Target::SurfaceAndCloud,
         deformation: Deformation::Projection,
         weights: Weights {
@@ -160,7 +160,7 @@ fn default() -> Config {
 fn fine() -> Config {
     Config {
         field: FieldConfig { width: 128, ..default().field },
-        stages: vec![Stage { resolution: 32, steps: 400 }, Stage { resolution: 48, steps: 400 }],
+        stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 300 }],
         ..default()
     }
 }

@@ -20,11 +20,12 @@ pub enum Event<'a> {
     },
     /// A step is done.
     Step(&'a StepReport),
-    /// The training went wrong and goes on from an earlier state with half the learning rate.
+    /// The training went wrong, once or more in a row, and goes on from an earlier state, with half the learning rate
+    /// for each time.
     Recovered {
         /// The step it goes on from.
         step: usize,
-        /// What went wrong.
+        /// What went wrong the last time.
         reason: &'a str,
     },
 }

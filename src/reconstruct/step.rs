@@ -50,7 +50,7 @@ pub struct StepReport {
     pub cover: f32,
     /// Learning rate of the field; 0 in steps of the pretraining.
     pub field_rate: f32,
-    /// Learning rate of the parameterization; 0 in steps of the start.
+    /// Learning rate of the parameterization, in steps that train it; 0 in steps of the start.
     pub bsp_rate: f32,
     /// Length of the gradient, before it was clipped: that of the parameterization in the pretraining, otherwise that
     /// of the field.
@@ -63,6 +63,22 @@ pub struct StepReport {
     pub recoveries: usize,
     /// Time the step took, in seconds; nothing depends on it.
     pub seconds: f64,
+}
+
+impl StepReport {
+    /// The terms of the loss by name, before their weights; 0 where the weight is 0.
+    pub fn terms(&self) -> [(&'static str, f32); 8] {
+        [
+            ("para", self.para),
+            ("deform", self.deform),
+            ("cover", self.cover),
+            ("points", self.points),
+            ("laplacian", self.laplacian),
+            ("eikonal", self.eikonal),
+            ("surf", self.surf),
+            ("pull", self.pull),
+        ]
+    }
 }
 
 /// What of the cloud a step sees.
@@ -195,7 +211,7 @@ impl Trainer {
         let verts = tape.constant(Tensor::from_points(&band.verts));
         let moved = deform(tape, self.config.deformation, verts, &at_verts);
         let crossings = tape.edge_crossing(moved, at_verts.sdf, &iso.edges[..]);
-        check_near("the extracted surface", tape.value(crossings))?;
+        check_near("the extracted surface", tape.value(crossings).data())?;
         let drawn = match self.config.surface_samples {
             0 => crossings,
             count => {
@@ -323,7 +339,7 @@ pub(super) fn forward_map(
     let context: Vec<[f32; 3]> = block.context().iter().map(|&i| cloud[i as usize]).collect();
     let context = tape.constant(Tensor::from_points(&context));
     let surface = map.forward(tape, p, context, block);
-    check_near("the parameterized surface", tape.value(surface))?;
+    check_near("the parameterized surface", tape.value(surface).data())?;
     Ok((surface, context))
 }
 
@@ -366,9 +382,9 @@ pub(super) fn diverged(message: impl Into<String>) -> Error {
 }
 
 /// Refuses coordinates that neighbour searches cannot take.
-fn check_near(what: &str, points: &Tensor) -> Result<(), Error> {
+pub(super) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
     // Written so that NaN is refused.
-    if points.data().iter().all(|x| x.abs() < FAR) {
+    if points.iter().all(|x| x.abs() < FAR) {
         return Ok(());
     }
     Err(diverged(format!("{what} is not finite or far away")))

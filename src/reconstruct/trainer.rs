@@ -14,7 +14,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::seq::SliceRandom;
 
 /// How often a run comes back from a step that went wrong before it fails.
-const RECOVERIES: usize = 3;
+pub(super) const RECOVERIES: usize = 3;
 /// The stream of random numbers that orders the cloud; weights take stream 0, training step i takes i + 1.
 const ORDER_STREAM: u64 = u64::MAX;
 
@@ -182,21 +182,25 @@ impl Trainer {
                 Phase::Start => self.try_start(),
                 Phase::Pretrain => self.try_pretrain(),
                 Phase::Train => {
-                    if self.train_step() == 0 {
-                        self.begin_training();
-                    }
-                    self.try_step()
+                    let ready = if self.train_step() == 0 { self.begin_training() } else { Ok(()) };
+                    ready.and_then(|()| self.try_step())
                 }
             };
             let error = match attempt {
                 Ok(report) => return Ok(report),
                 Err(error) => error,
             };
-            let recoverable = matches!(error.kind(), ErrorKind::Diverged | ErrorKind::NoSurface);
-            if !recoverable || self.recoveries == RECOVERIES {
+            // Without a surface at the beginning there is none to go back to either.
+            let lost =
+                error.kind() == ErrorKind::NoSurface && phase == Phase::Train && self.train_step() == 0;
+            let recoverable = matches!(error.kind(), ErrorKind::Diverged | ErrorKind::NoSurface) && !lost;
+            if !recoverable || self.recoveries >= RECOVERIES {
                 let advice = match phase {
                     Phase::Start => "lower start.rate, or take another start.shape",
                     Phase::Pretrain => "lower bsp_rate.base, or set bsp.pretrain to 0",
+                    Phase::Train if lost => {
+                        "raise start.steps or the resolution of the first stage, or take another start.shape"
+                    }
                     Phase::Train => {
                         "lower field_rate.base and bsp_rate.base, raise their warmup, set clip to 1, or take another \
                          start.shape"
@@ -259,6 +263,11 @@ impl Trainer {
     /// The options, adapted to the number of points.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// How often the run went back to a good state so far.
+    pub fn recoveries(&self) -> usize {
+        self.recoveries
     }
 
     /// What went wrong when the training last went back to a good state.

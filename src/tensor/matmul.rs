@@ -2,8 +2,8 @@
 //!
 //! The right side is copied into panels of a few columns, the left side is read as it lies, and the sums of a small
 //! tile of the result stay in registers while k runs. Thin products (a side of a few rows or columns) have loops of
-//! their own. Every value of the result is summed in the same order however the work is split, so large products are split
-//! into row blocks over rayon freely.
+//! their own. Every value of the result is summed in the same order however the work is split, so large products are
+//! split into row blocks over rayon freely.
 
 use super::simd::{Left, Target, kernel, multiply_panel, panel_width};
 use super::{Tensor, dot};
@@ -52,7 +52,7 @@ impl<'a> MatRef<'a> {
         }
     }
 
-    /// k rows of columns that start at `first`.
+    /// `rows` x `cols` from a row and a column on.
     fn left(self, first_row: usize, rows: usize, first_col: usize, cols: usize) -> Left<'a> {
         let start = first_row * self.row_stride + first_col * self.col_stride;
         let MatRef { data, row_stride, col_stride, .. } = self;

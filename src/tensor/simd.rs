@@ -103,10 +103,9 @@ pub(crate) fn multiply_panel(mut target: Target<'_>, left: Left<'_>, panel: &[f3
         return;
     }
     // All that the inner loop takes on trust.
-    assert!(
-        (rows - 1) * row_stride + (cols - 1) * col_stride < left.data.len(),
-        "panel: left side too short"
-    );
+    let last_row = (rows - 1).checked_mul(row_stride);
+    let last = last_row.zip((cols - 1).checked_mul(col_stride)).and_then(|(r, c)| r.checked_add(c));
+    assert!(last.is_some_and(|last| last < left.data.len()), "panel: left side too short");
     assert!((1..=panel_width()).contains(&target.width), "panel: width {}", target.width);
     #[cfg(target_arch = "x86_64")]
     {

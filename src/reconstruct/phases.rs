@@ -3,15 +3,17 @@
 //! The field learns the shape that the parametric Gauss formula finds among the points; then the parameterization is
 //! trained alone. Both are quick against the training, and counted, reported, saved and taken back like it.
 
-use super::step::{check_gradients, diverged, forward_map, para_term};
+use super::step::{check_gradients, check_near, diverged, forward_map, para_term};
 use super::trainer::untrained;
 use super::{StepReport, Trainer};
 use crate::error::Error;
-use crate::gdo::{ShapeFit, gauss_shape};
+use crate::gdo::{ShapeFit, best_gauss_shape};
 use crate::optim::{Schedule, gradient_norm};
 use std::fmt;
 use std::time::Instant;
 
+/// Widths that are tried where `start.width` is 0.
+const WIDTHS: [f32; 3] = [0.25, 0.5, 1.0];
 /// Steps between two states that are kept to fall back to.
 const KEEP_EVERY: usize = 20;
 
@@ -65,7 +67,8 @@ impl Trainer {
     pub(super) fn find_shape(&mut self) -> Result<(), Error> {
         if self.phase() == Phase::Start && self.shape.is_none() {
             let start = self.config.start;
-            let mesh = gauss_shape(&self.cloud, start.width, start.regularity, self.config.seed)?;
+            let widths = if start.width > 0.0 { &[start.width][..] } else { &WIDTHS };
+            let mesh = best_gauss_shape(&self.cloud, widths, start.regularity, self.config.seed)?;
             self.shape = Some(ShapeFit::new(&mesh, self.config.seed)?);
         }
         Ok(())
@@ -126,13 +129,16 @@ impl Trainer {
     }
 
     /// What comes before the first step of the training proper; doing it again changes nothing.
-    pub(super) fn begin_training(&mut self) {
+    pub(super) fn begin_training(&mut self) -> Result<(), Error> {
         // The moments of the regression say nothing about the losses to come, and its samples have done their work.
         self.field_adam = untrained(self.field.params());
         self.shape = None;
         if let Some(map) = &self.map {
-            self.surface = map.surface(&self.cloud, &self.blocks);
+            let surface = map.surface(&self.cloud, &self.blocks);
+            check_near("the parameterized surface", surface.as_flattened())?;
+            self.surface = surface;
         }
+        Ok(())
     }
 
     /// Keeps the present state to fall back to, now and then. It is known to have a finite loss and finite gradients.
