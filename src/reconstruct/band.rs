@@ -67,12 +67,7 @@ impl Trainer {
         let grid = TetGrid::working_frame(resolution)?;
         let field = &self.field;
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
-        // What lies near the cloud is found at the full resolution anyway; elsewhere parts of two cubes are enough.
-        let options = NarrowBandOptions {
-            coarse_resolution: (resolution / 2).max(1),
-            seeds: &self.cloud,
-            ..Default::default()
-        };
+        let options = NarrowBandOptions { seeds: &self.cloud, ..Default::default() };
         let active = active_set(&grid, &mut eval, &options, self.config.band.rings)?;
         let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
         self.work.band = Some(Band {

@@ -20,10 +20,10 @@ pub enum StartShape {
 pub struct Start {
     /// Which shape. Default `gauss`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
-    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings. Default 0: of 0.25,
-    /// 0.5 and 1 the one whose surface fits the points best.
+    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings; 0 takes of 0.25,
+    /// 0.5 and 1 the one whose surface fits the points best. Default 0.5.
     pub width: f32,
-    /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.01.
+    /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
     /// Steps of the regression. Default 400.
     pub steps: usize,

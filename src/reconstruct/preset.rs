@@ -132,7 +132,7 @@ fn default() -> Config {
         },
         bsp_pretrain: 100,
         bsp_every: 2,
-        start: Start { shape: StartShape::Gauss, width: 0.0, regularity: 0.01, steps: 400, rate: 2e-3 },
+        start: Start { shape: StartShape::Gauss, width: 0.5, regularity: 0.05, steps: 400, rate: 2e-3 },
         target: Target::SurfaceAndCloud,
         deformation: Deformation::Projection,
         weights: Weights {
