@@ -103,7 +103,7 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
     let hits = TriangleBvh::new(mesh)?.nearest_all(points);
     let surface = sample_surface(mesh, MISFIT_SAMPLES, seed)?.points;
     let (_, dist_sq) = nearest_points(&surface, points);
-    let to_surface = mean(&mut hits.iter().map(|hit| f64::from(hit.dist_sq)), points.len());
+    let to_surface = mean(&mut hits.iter().map(|hit| hit.dist_sq), points.len());
     let to_points = mean(&mut dist_sq.iter().map(|&d| f64::from(d)), MISFIT_SAMPLES);
     Ok(MISFIT_OF_POINTS * to_surface + to_points)
 }
