@@ -5,7 +5,7 @@
 //! their own. Every value of the result is summed in the same order however the work is split, so large products are
 //! split into row blocks over rayon freely.
 
-use super::simd::{Left, Target, kernel, multiply_panel, panel_width};
+use super::simd::{Target, kernel, multiply_panel, panel_width};
 use super::{Tensor, dot};
 use rayon::prelude::*;
 
@@ -53,10 +53,9 @@ impl<'a> MatRef<'a> {
     }
 
     /// `rows` x `cols` from a row and a column on.
-    fn left(self, first_row: usize, rows: usize, first_col: usize, cols: usize) -> Left<'a> {
+    fn part(self, first_row: usize, rows: usize, first_col: usize, cols: usize) -> Self {
         let start = first_row * self.row_stride + first_col * self.col_stride;
-        let MatRef { data, row_stride, col_stride, .. } = self;
-        Left { data: &data[start..], rows, cols, row_stride, col_stride }
+        MatRef { data: &self.data[start..], rows, cols, ..self }
     }
 }
 
@@ -142,16 +141,25 @@ fn fill_turned(panel: &mut [f32], width: usize, from: &[f32], b: MatRef<'_>, col
 #[track_caller]
 pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>) {
     let (m, k, n) = (a.rows, a.cols, b.cols);
-    assert!(k == b.rows, "matmul: [{m}x{k}] and [{}x{n}]", b.rows);
-    if m == 0 || n == 0 {
+    if is_empty(out, stride, a, b.rows, n) {
         return;
     }
-    assert!(out.len() >= (m - 1) * stride + n, "matmul: result of {} values for [{m}x{n}]", out.len());
     if k == 0 || m <= THIN || k <= THIN || n <= thin_right(a) {
         thin(out, stride, add, a, b);
     } else {
         gemm_panels(out, stride, add, a, &Panels::of(b));
     }
+}
+
+/// Whether a product with a k x n right side has no values. Panics as [`gemm`].
+#[track_caller]
+fn is_empty(out: &[f32], stride: usize, a: MatRef<'_>, k: usize, n: usize) -> bool {
+    let m = a.rows;
+    assert!(a.cols == k, "matmul: [{m}x{}] and [{k}x{n}]", a.cols);
+    let empty = m == 0 || n == 0;
+    let long_enough = empty || out.len() >= (m - 1) * stride + n;
+    assert!(long_enough, "matmul: result of {} values for [{m}x{n}]", out.len());
+    empty
 }
 
 /// Columns up to which the right side of a product with `a` takes a thin path: a transposed left side goes well with
@@ -163,15 +171,14 @@ fn thin_right(a: MatRef<'_>) -> usize {
 /// [`gemm`] with a right side that has been put into panels before.
 ///
 /// # Panics
-/// As [`gemm`].
+/// As [`gemm`], and if the inner side is 0.
 #[track_caller]
 pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: &Panels) {
     let (m, k, n) = (a.rows, a.cols, b.cols);
-    assert!(k == b.rows, "matmul: [{m}x{k}] and [{}x{n}]", b.rows);
-    if m == 0 || n == 0 {
+    if is_empty(out, stride, a, b.rows, n) {
         return;
     }
-    assert!(out.len() >= (m - 1) * stride + n, "matmul: result of {} values for [{m}x{n}]", out.len());
+    assert!(k > 0, "matmul: panels of no rows");
     if m * n * k < PARALLEL_MIN || m < 2 * BLOCK {
         gemm_rows(out, stride, add, a, 0, m, b);
     } else {
@@ -203,7 +210,7 @@ fn gemm_rows(
             rest = after;
             let width = panel_cols.min(b.cols - column);
             let target = Target { data: &mut out[column..], width, stride, add: add || depth > 0 };
-            multiply_panel(target, a.left(first, rows, depth, cols), panel);
+            multiply_panel(target, a.part(first, rows, depth, cols), panel);
         }
     }
 }

@@ -7,6 +7,8 @@
 //! everywhere.
 #![allow(unsafe_code)]
 
+use super::matmul::MatRef;
+
 /// The instruction sets a kernel is compiled for, from narrow to wide.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) enum Level {
@@ -64,16 +66,6 @@ macro_rules! kernel {
 }
 pub(crate) use kernel;
 
-/// The left side of a product, m x k, with strides.
-#[derive(Clone, Copy)]
-pub(crate) struct Left<'a> {
-    pub(crate) data: &'a [f32],
-    pub(crate) rows: usize,
-    pub(crate) cols: usize,
-    pub(crate) row_stride: usize,
-    pub(crate) col_stride: usize,
-}
-
 /// Where a product goes: m rows of `width` values, `stride` apart, over or onto what is there.
 pub(crate) struct Target<'a> {
     pub(crate) data: &'a mut [f32],
@@ -97,8 +89,8 @@ pub(crate) fn panel_width() -> usize {
 /// # Panics
 /// If a slice is too short for its shape.
 #[track_caller]
-pub(crate) fn multiply_panel(mut target: Target<'_>, left: Left<'_>, panel: &[f32]) {
-    let Left { rows, cols, row_stride, col_stride, .. } = left;
+pub(crate) fn multiply_panel(mut target: Target<'_>, left: MatRef<'_>, panel: &[f32]) {
+    let MatRef { rows, cols, row_stride, col_stride, .. } = left;
     if rows == 0 || cols == 0 {
         return;
     }
@@ -110,11 +102,11 @@ pub(crate) fn multiply_panel(mut target: Target<'_>, left: Left<'_>, panel: &[f3
     #[cfg(target_arch = "x86_64")]
     {
         #[target_feature(enable = "avx2,fma")]
-        fn avx2(target: &mut Target<'_>, left: Left<'_>, panel: &[f32]) {
+        fn avx2(target: &mut Target<'_>, left: MatRef<'_>, panel: &[f32]) {
             tiles::<6, 16>(target, left, panel, f32::mul_add);
         }
         #[target_feature(enable = "avx512f,avx512vl,fma")]
-        fn avx512(target: &mut Target<'_>, left: Left<'_>, panel: &[f32]) {
+        fn avx512(target: &mut Target<'_>, left: MatRef<'_>, panel: &[f32]) {
             tiles::<8, 32>(target, left, panel, f32::mul_add);
         }
         match level() {
@@ -137,7 +129,7 @@ pub(crate) fn multiply_panel(mut target: Target<'_>, left: Left<'_>, panel: &[f3
 #[inline(always)]
 fn tiles<const MR: usize, const NR: usize>(
     target: &mut Target<'_>,
-    left: Left<'_>,
+    left: MatRef<'_>,
     panel: &[f32],
     mad: impl Fn(f32, f32, f32) -> f32 + Copy,
 ) {
@@ -161,12 +153,12 @@ fn tiles<const MR: usize, const NR: usize>(
 #[inline(always)]
 fn tile<const MR: usize, const NR: usize>(
     target: &mut Target<'_>,
-    left: Left<'_>,
+    left: MatRef<'_>,
     first: usize,
     panel: &[f32],
     mad: impl Fn(f32, f32, f32) -> f32 + Copy,
 ) {
-    let Left { data, rows, cols, row_stride, col_stride } = left;
+    let MatRef { data, rows, cols, row_stride, col_stride } = left;
     debug_assert!(first + MR <= rows);
     let mut sums = [[0.0f32; NR]; MR];
     for (l, b) in panel[..cols * NR].as_chunks::<NR>().0.iter().enumerate() {
@@ -212,7 +204,7 @@ mod tests {
                 for add in [false, true] {
                     let before = values(rows * (width + 3), 2.0);
                     let mut out = before.clone();
-                    let left = Left { data: &data, rows, cols, row_stride, col_stride };
+                    let left = MatRef { data: &data, rows, cols, row_stride, col_stride };
                     multiply_panel(Target { data: &mut out, width, stride: width + 3, add }, left, &panel);
                     for (at, (&found, &old)) in out.iter().zip(&before).enumerate() {
                         let (i, j) = (at / (width + 3), at % (width + 3));
@@ -235,7 +227,7 @@ mod tests {
     #[test]
     #[should_panic(expected = "left side too short")]
     fn a_left_side_that_is_too_short_is_refused() {
-        let left = Left { data: &[0.0; 11], rows: 3, cols: 4, row_stride: 4, col_stride: 1 };
+        let left = MatRef { data: &[0.0; 11], rows: 3, cols: 4, row_stride: 4, col_stride: 1 };
         let target = Target { data: &mut [0.0; 12], width: 4, stride: 4, add: false };
         multiply_panel(target, left, &[0.0; 4 * 32]);
     }
