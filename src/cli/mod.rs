@@ -103,6 +103,11 @@ fn dispatch(cli: &Cli) -> Result<(), Failure> {
             .build_global()
             .map_err(|e| Failure::Usage(format!("cannot start {threads} threads ({e})")))?;
     }
+    // Everything on a thread of the pool: from outside, each parallel loop would wait for a thread to wake up.
+    rayon::scope(|_| execute(cli))
+}
+
+fn execute(cli: &Cli) -> Result<(), Failure> {
     match &cli.command {
         Command::Reconstruct(args) => reconstruct::run(args, cli.common),
         Command::Demo(args) => demo::run(args, cli.common),

@@ -67,7 +67,12 @@ impl Trainer {
         let grid = TetGrid::working_frame(resolution)?;
         let field = &self.field;
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
-        let options = NarrowBandOptions { seeds: &self.cloud, ..Default::default() };
+        // Half the resolution: what is thinner and not near the cloud no point asks for.
+        let options = NarrowBandOptions {
+            coarse_resolution: (resolution / 2).max(1),
+            seeds: &self.cloud,
+            ..Default::default()
+        };
         let active = active_set(&grid, &mut eval, &options, self.config.band.rings)?;
         let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
         self.work.band = Some(Band {

@@ -176,6 +176,13 @@ impl Trainer {
     #[track_caller]
     pub fn step(&mut self) -> Result<StepReport, Error> {
         assert!(!self.is_done(), "step: all {} steps are done", self.total_steps());
+        // On a thread of the pool from the first to the last line: from outside, each parallel loop would wait for a
+        // thread to wake up (an eighth of a run with one thread).
+        rayon::scope(|_| self.step_in_pool())
+    }
+
+    #[track_caller]
+    fn step_in_pool(&mut self) -> Result<StepReport, Error> {
         loop {
             let phase = self.phase();
             let attempt = match phase {
