@@ -3,7 +3,7 @@
 mod common;
 
 use bijective_sdf::geometry::{Isosurface, NarrowBandOptions, Shape, TetGrid, active_set, extract};
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group};
 
 const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
 
@@ -43,4 +43,7 @@ fn extraction(c: &mut Criterion) {
 }
 
 criterion_group! { name = benches; config = common::criterion(); targets = active, extraction }
-criterion_main!(benches);
+
+fn main() {
+    common::in_pool(benches);
+}

@@ -7,7 +7,7 @@ use bijective_sdf::geometry::KdTree;
 use bijective_sdf::nn::{Params, PointTransformer};
 use bijective_sdf::tensor::Tensor;
 use common::{normal, rng, sphere};
-use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, criterion_group};
 use std::sync::Arc;
 
 const POINTS: usize = 300;
@@ -81,4 +81,7 @@ criterion_group! {
     config = common::criterion();
     targets = softmax, attention, point_transformer, layer_norm
 }
-criterion_main!(benches);
+
+fn main() {
+    common::in_pool(benches);
+}

@@ -7,7 +7,7 @@ use bijective_sdf::geometry::{KdTree, PointTree, farthest_point_sample};
 use bijective_sdf::loss::Direction;
 use bijective_sdf::tensor::Tensor;
 use common::{cube, sphere};
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group};
 use std::sync::Arc;
 
 fn trees(c: &mut Criterion) {
@@ -45,4 +45,7 @@ fn chamfer(c: &mut Criterion) {
 }
 
 criterion_group! { name = benches; config = common::criterion(); targets = chamfer, trees }
-criterion_main!(benches);
+
+fn main() {
+    common::in_pool(benches);
+}

@@ -5,7 +5,7 @@ mod common;
 use bijective_sdf::autodiff::Tape;
 use bijective_sdf::tensor::{Tensor, matmul, matmul_nt, matmul_tn};
 use common::normal;
-use criterion::{BatchSize, Criterion, Throughput, criterion_group, criterion_main};
+use criterion::{BatchSize, Criterion, Throughput, criterion_group};
 use std::sync::Arc;
 
 /// Throughput is multiply-adds: a figure of 10 Gelem/s is 20 GFLOP/s.
@@ -59,4 +59,7 @@ fn linear(c: &mut Criterion) {
 }
 
 criterion_group! { name = benches; config = common::criterion(); targets = linear, products }
-criterion_main!(benches);
+
+fn main() {
+    common::in_pool(benches);
+}

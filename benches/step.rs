@@ -11,7 +11,7 @@ use bijective_sdf::loss::{Direction, mean_abs};
 use bijective_sdf::optim::{Adam, AdamOptions};
 use bijective_sdf::tensor::Tensor;
 use common::{normal, rng, sphere};
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group};
 use std::sync::Arc;
 
 /// g and grad g at the vertices, the loss mean |V - g n|^2 + 0.01 mean |g|, and back to the weights.
@@ -95,4 +95,7 @@ fn adam(c: &mut Criterion) {
 }
 
 criterion_group! { name = benches; config = common::criterion(); targets = field, bsp, adam }
-criterion_main!(benches);
+
+fn main() {
+    common::in_pool(benches);
+}

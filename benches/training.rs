@@ -4,7 +4,7 @@ mod common;
 
 use bijective_sdf::geometry::Shape;
 use bijective_sdf::reconstruct::{Config, Phase, Preset, Stage, Trainer};
-use criterion::{Criterion, criterion_group, criterion_main};
+use criterion::{Criterion, criterion_group};
 
 const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
 
@@ -62,4 +62,7 @@ fn mesh(c: &mut Criterion) {
 }
 
 criterion_group! { name = benches; config = common::criterion(); targets = start, steps, mesh }
-criterion_main!(benches);
+
+fn main() {
+    common::in_pool(benches);
+}

@@ -20,6 +20,15 @@ pub fn criterion() -> Criterion {
         .measurement_time(Duration::from_secs(2))
 }
 
+/// Runs a file's benchmarks on a thread of the pool, as a training step runs: from outside, every parallel loop would
+/// wait for a thread to wake up.
+pub fn in_pool(benches: fn()) {
+    rayon::scope(|_| {
+        benches();
+        Criterion::default().configure_from_args().final_summary();
+    });
+}
+
 /// The generator of a benchmark's inputs.
 pub fn rng(seed: u64) -> ChaCha8Rng {
     ChaCha8Rng::seed_from_u64(seed)
