@@ -1,7 +1,8 @@
 //! Layer normalisation and normalisation of rows to unit length.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, kernel, lane_dot, lane_sum};
+use crate::tensor::{Tensor, kernel, lane_dot, lane_sum, row_block};
+use rayon::prelude::*;
 
 /// y = (x - mean) / sqrt(var + eps) * gain + bias, over each row (Ba, Kiros, Hinton 2016).
 struct LayerNorm {
@@ -57,9 +58,16 @@ impl Op<3> for LayerNorm {
             bias.shape()
         );
         let (mut hat, mut inverse) = (x.dirty(x.dims()), x.dirty(&[x.rows(), 1]));
-        standardise(hat.data_mut(), inverse.data_mut(), x.data(), c, self.eps);
         let mut y = x.dirty(x.dims());
-        affine_rows(y.data_mut(), hat.data(), gain.data(), bias.data());
+        let rows = row_block(c);
+        y.data_mut()
+            .par_chunks_mut(rows * c)
+            .zip(hat.data_mut().par_chunks_mut(rows * c).zip(inverse.data_mut().par_chunks_mut(rows)))
+            .zip(x.data().par_chunks(rows * c))
+            .for_each(|((y, (hat, inverse)), x)| {
+                standardise(hat, inverse, x, c, self.eps);
+                affine_rows(y, hat, gain.data(), bias.data());
+            });
         (y, (hat, inverse))
     }
     fn vjp(&self, at: At<'_, 3, Self::Saved>, dy: &Tensor) -> [Option<Tensor>; 3] {
@@ -68,7 +76,12 @@ impl Op<3> for LayerNorm {
         let c = dy.cols();
         let dx = at.needs[0].then(|| {
             let mut dx = dy.dirty(dy.dims());
-            layer_norm_dx(dx.data_mut(), dy.data(), hat.data(), inverse.data(), gain.data());
+            let rows = row_block(c);
+            dx.data_mut()
+                .par_chunks_mut(rows * c)
+                .zip(dy.data().par_chunks(rows * c).zip(hat.data().par_chunks(rows * c)))
+                .zip(inverse.data().par_chunks(rows))
+                .for_each(|((dx, (dy, hat)), inverse)| layer_norm_dx(dx, dy, hat, inverse, gain.data()));
             dx
         });
         let dgain = at.needs[1].then(|| {

@@ -1,11 +1,11 @@
 //! Elementwise passes.
 
 use super::simd::kernel;
-use super::{PARALLEL_MIN, ROW_BLOCK, Tensor};
+use super::{PARALLEL_MIN, Tensor};
 use rayon::prelude::*;
 
 /// Elements a thread works on at a time.
-const BLOCK: usize = 1 << 15;
+const BLOCK: usize = 1 << 14;
 
 kernel! {
     pub(super) fn add_assign(out: &mut [f32], x: &[f32]) {
@@ -40,11 +40,18 @@ pub(crate) fn map2(a: &Tensor, b: &Tensor, f: impl Fn(&mut [f32], &[f32], &[f32]
     out
 }
 
+/// Rows of `cols` values that a thread works on at a time in passes that compute every row alone; fixed by the shape, so
+/// nothing depends on the thread count.
+pub(crate) fn row_block(cols: usize) -> usize {
+    (BLOCK / cols.max(1)).max(1)
+}
+
 /// Fills `out` (rows of `cols` values) by calling `f(first_row, piece)` on pieces of whole rows.
 pub(crate) fn map_rows(out: &mut [f32], cols: usize, f: impl Fn(usize, &mut [f32]) + Sync) {
     if out.len() < PARALLEL_MIN || cols == 0 {
         f(0, out);
     } else {
-        out.par_chunks_mut(ROW_BLOCK * cols).enumerate().for_each(|(i, piece)| f(i * ROW_BLOCK, piece));
+        let rows = row_block(cols);
+        out.par_chunks_mut(rows * cols).enumerate().for_each(|(i, piece)| f(i * rows, piece));
     }
 }

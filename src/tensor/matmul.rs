@@ -8,6 +8,7 @@
 use super::simd::{Target, kernel, multiply_panel, panel_width};
 use super::{Tensor, dot};
 use rayon::prelude::*;
+use std::cell::Cell;
 
 /// A left or inner side of at most this many takes a thin path.
 const THIN: usize = 5;
@@ -17,8 +18,12 @@ const THIN_RIGHT: usize = 2;
 const DEPTH: usize = 256;
 /// Rows of the result that a thread works on at a time; whole tiles for every instruction set.
 const BLOCK: usize = 96;
+/// The same for results of few rows, such as gradients of weights.
+const SMALL_BLOCK: usize = 24;
 /// Multiply-adds below which a product stays on the calling thread.
-const PARALLEL_MIN: usize = 1 << 21;
+const PARALLEL_MIN: usize = 1 << 20;
+/// Values of a right side below which its panels are filled on the calling thread.
+const COPY_MIN: usize = 1 << 17;
 
 /// A matrix with strides, seen in a slice.
 #[derive(Clone, Copy)]
@@ -69,14 +74,7 @@ pub(crate) struct Panels {
 }
 
 impl Panels {
-    /// The panels of a matrix.
-    pub(crate) fn of(b: MatRef<'_>) -> Self {
-        let mut panels = Panels::default();
-        panels.fill(b);
-        panels
-    }
-
-    /// The panels of another matrix, in the same memory.
+    /// Makes these the panels of a matrix, in the memory that is there.
     pub(crate) fn fill(&mut self, b: MatRef<'_>) {
         let width = panel_width();
         (self.rows, self.cols) = (b.rows, b.cols);
@@ -84,12 +82,13 @@ impl Panels {
         if self.data.len() < len {
             self.data.resize(len, 0.0);
         }
-        let mut rest = &mut self.data[..len];
-        for first in (0..b.rows).step_by(DEPTH) {
+        let data = &mut self.data[..len];
+        let deep = DEPTH * b.cols.next_multiple_of(width);
+        let fill = |(i, part): (usize, &mut [f32])| {
+            let first = i * DEPTH;
             let rows = DEPTH.min(b.rows - first);
-            for column in (0..b.cols).step_by(width) {
-                let (panel, after) = rest.split_at_mut(rows * width);
-                rest = after;
+            let columns = (0..b.cols).step_by(width);
+            for (column, panel) in columns.zip(part.chunks_exact_mut(rows * width)) {
                 let cols = width.min(b.cols - column);
                 let from = &b.data[first * b.row_stride + column * b.col_stride..];
                 if b.col_stride != 1 {
@@ -102,8 +101,18 @@ impl Panels {
                     fill_whole::<16>(panel, from, b.row_stride);
                 }
             }
+        };
+        if len < COPY_MIN {
+            data.chunks_mut(deep.max(1)).enumerate().for_each(fill);
+        } else {
+            data.par_chunks_mut(deep).enumerate().for_each(fill);
         }
     }
+}
+
+thread_local! {
+    /// Panels of the products on this thread, so that their memory is not asked for again and again.
+    static PANELS: Cell<Panels> = const { Cell::new(Panels { data: Vec::new(), rows: 0, cols: 0 }) };
 }
 
 /// A panel of W columns out of contiguous rows.
@@ -147,7 +156,11 @@ pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: 
     if k == 0 || m <= THIN || k <= THIN || n <= thin_right(a) {
         thin(out, stride, add, a, b);
     } else {
-        gemm_panels(out, stride, add, a, &Panels::of(b));
+        // Taken out, not borrowed: while this thread waits for others it may begin another product.
+        let mut panels = PANELS.take();
+        panels.fill(b);
+        gemm_panels(out, stride, add, a, &panels);
+        PANELS.set(panels);
     }
 }
 
@@ -179,13 +192,14 @@ pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, add: bool, a: MatRef<'
         return;
     }
     assert!(k > 0, "matmul: panels of no rows");
-    if m * n * k < PARALLEL_MIN || m < 2 * BLOCK {
+    if m * n * k < PARALLEL_MIN || m <= SMALL_BLOCK {
         gemm_rows(out, stride, add, a, 0, m, b);
     } else {
-        out.par_chunks_mut(BLOCK * stride).enumerate().for_each(|(i, piece)| {
-            let first = i * BLOCK;
+        let block = if m < 8 * BLOCK { SMALL_BLOCK } else { BLOCK };
+        out.par_chunks_mut(block * stride).enumerate().for_each(|(i, piece)| {
+            let first = i * block;
             if first < m {
-                gemm_rows(piece, stride, add, a, first, BLOCK.min(m - first), b);
+                gemm_rows(piece, stride, add, a, first, block.min(m - first), b);
             }
         });
     }

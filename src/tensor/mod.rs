@@ -13,7 +13,7 @@ mod rows;
 mod simd;
 
 pub use buffer::Pool;
-pub(crate) use elementwise::{map, map_rows, map2};
+pub(crate) use elementwise::{map, map_rows, map2, row_block};
 pub(crate) use math::{
     exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice,
     tanh_slice,
@@ -30,11 +30,8 @@ use std::fmt;
 /// The most dimensions a tensor can have.
 pub const MAX_RANK: usize = 4;
 
-/// Rows a thread works on at a time in row-parallel passes; fixed, so results never depend on the thread count.
-pub(crate) const ROW_BLOCK: usize = 512;
-
 /// Elements below which a pass stays on the calling thread.
-pub(crate) const PARALLEL_MIN: usize = 1 << 17;
+pub(crate) const PARALLEL_MIN: usize = 1 << 16;
 
 /// The dimensions of a tensor, outermost first.
 #[derive(Clone, Copy, PartialEq, Eq)]
