@@ -14,6 +14,7 @@ mod sample;
 mod shapes;
 mod sphere;
 mod tet_grid;
+mod thin;
 mod topology;
 
 pub use bounds::{Bounds, Normalizer};
@@ -28,6 +29,7 @@ pub use sample::{SurfaceSamples, farthest_point_sample, sample_surface};
 pub use shapes::Shape;
 pub use sphere::fibonacci_sphere;
 pub use tet_grid::TetGrid;
+pub use thin::thin_cloud;
 pub use topology::{MeshComponent, Topology};
 
 /// Squared distance, summed x, y, z in that order; every neighbour search ranks by exactly these bits.

@@ -38,6 +38,9 @@ pub(super) struct Band {
     pub topology: BandTopology,
 }
 
+/// The lattice that the search starts from is not finer than this, however fine the grid is.
+const COARSEST: usize = 32;
+
 impl Trainer {
     /// The grid resolution of a step of the training proper.
     fn resolution_at(&self, step: usize) -> usize {
@@ -69,7 +72,7 @@ impl Trainer {
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
         // Half the resolution: what is thinner and not near the cloud no point asks for.
         let options = NarrowBandOptions {
-            coarse_resolution: (resolution / 2).max(1),
+            coarse_resolution: (resolution / 2).clamp(1, COARSEST),
             seeds: &self.cloud,
             ..Default::default()
         };

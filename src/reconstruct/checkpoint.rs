@@ -248,7 +248,7 @@ mod tests {
         let points = ball(70);
         let path = file("resume");
         let mut blocks = tiny();
-        blocks.batch = Batch { points: 40, centres: 30 };
+        blocks.batch = Batch { thin: 0.25, points: 40, centres: 30 };
         blocks.surface_samples = 50;
         let sparse = Config { parameterization: Parameterization::None, ..tiny() };
         let offset = Config { deformation: Deformation::Offset, ..tiny() };

@@ -86,8 +86,11 @@ pub struct Band {
 }
 
 /// How much of a large cloud one step sees; clouds below these sizes are seen whole.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Batch {
+    /// A cloud of more than `points` points is thinned first, to one in each cube of this many times the spacing of
+    /// the finest grid's vertices; 0 keeps them all. Default 0.25.
+    pub thin: f32,
     /// Points of the cloud in a step, at most; drawn window by window from one fixed permutation. Default 4096.
     pub points: usize,
     /// Centres whose patches are trained in a step, at most; a compact block of the cloud, in turn. Default 1024.
@@ -142,40 +145,12 @@ pub struct Config {
     pub min_component: f64,
 }
 
-/// Cloud sizes up to this one are what the presets were made for.
-const USUAL_POINTS: usize = 2048;
-/// Points that a patch attends to in larger clouds if it would attend to all otherwise.
-const LOCAL_REACH: usize = 16;
-/// Grid resolution that scaling does not go beyond, unless a stage asks for more itself.
-const SCALED_RESOLUTION: usize = 160;
+/// The highest frequency of the field's encoding.
+pub(super) const MOST_FREQUENCY: f32 = 1000.0;
+/// The most steps of a stage or phase.
+pub(super) const MOST_STEPS: usize = 10_000_000;
 
 impl Config {
-    /// Adapts the options to a cloud of n points, by this rule: up to 2,048 points nothing changes. Beyond,
-    /// resolutions grow with the fourth root of n / 2048 (the spacing of points on a surface falls with its square
-    /// root, but memory and time grow with the square of the resolution), rounded to multiples of 4, to at most twice
-    /// and at most 160; attention of all patches to all points becomes attention to the 16 nearest. The sphere, the
-    /// patches and the steps stay, and `batch` bounds what a step sees.
-    ///
-    /// Clears `scale_with_points`, so nothing is adapted twice; without it nothing changes.
-    pub fn for_points(mut self, n: usize) -> Config {
-        if !self.scale_with_points {
-            return self;
-        }
-        self.scale_with_points = false;
-        if n > USUAL_POINTS {
-            let growth = (n as f64 / USUAL_POINTS as f64).powf(0.25).min(2.0);
-            for stage in &mut self.stages {
-                let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
-                let most = SCALED_RESOLUTION.min(2 * stage.resolution);
-                stage.resolution = scaled.min(most).max(stage.resolution);
-            }
-            if self.bsp.reach == 0 {
-                self.bsp.reach = LOCAL_REACH;
-            }
-        }
-        self
-    }
-
     /// The steps of a phase. A sphere needs no start, and without a parameterization there is none to pretrain.
     pub fn steps_in(&self, phase: Phase) -> usize {
         match phase {
@@ -218,7 +193,7 @@ impl Config {
         positive("field.frequency", f.frequency, 1000.0)?;
         let highest = f.frequency * (1u32 << f.octaves.saturating_sub(1)) as f32;
         let advice = "lower field.frequency or field.octaves: frequency 2^(octaves - 1) may be at most 1000";
-        check("field.octaves", f.octaves == 0 || highest <= 1000.0, f.octaves, advice)?;
+        check("field.octaves", f.octaves == 0 || highest <= MOST_FREQUENCY, f.octaves, advice)?;
         positive("field.radius", f.radius, 0.57)?;
         if let Activation::Softplus { beta } = f.activation {
             positive("field.activation", beta, 1e6)?;
@@ -275,7 +250,7 @@ impl Config {
         for stage in &self.stages {
             let fits = (4..=1024).contains(&stage.resolution);
             check("stages", fits, format!("resolution {}", stage.resolution), "use 4 to 1024 cubes")?;
-            let fits = (1..=10_000_000).contains(&stage.steps);
+            let fits = (1..=MOST_STEPS).contains(&stage.steps);
             check("stages", fits, format!("{} steps", stage.steps), "use 1 to 10000000 steps")?;
         }
         let fits = w.deform_decay > 0.0 && w.deform_decay <= 1.0;
@@ -286,11 +261,12 @@ impl Config {
         within("stages", self.stages.len(), 1, 100)?;
         within("band.refresh", self.band.refresh, 1, 1_000_000)?;
         within("band.rings", self.band.rings, 0, 64)?;
+        not_negative("batch.thin", f64::from(self.batch.thin))?;
         within("batch.points", self.batch.points, 16, 1 << 24)?;
         within("batch.centres", self.batch.centres, 16, 1 << 20)?;
         within("surface_samples", self.surface_samples, 0, 10_000_000)?;
-        within("bsp.pretrain", self.bsp_pretrain, 0, 10_000_000)?;
-        within("start.steps", self.start.steps, 0, 10_000_000)?;
+        within("bsp.pretrain", self.bsp_pretrain, 0, MOST_STEPS)?;
+        within("start.steps", self.start.steps, 0, MOST_STEPS)?;
         not_negative("clip", self.clip)?;
         let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
         let fits = (0.0..=1.0).contains(&self.min_component);
@@ -346,16 +322,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn presets_are_valid_and_scaling_happens_once() {
+    fn presets_are_valid() {
         for preset in Preset::ALL {
-            let config = Config::preset(preset);
-            config.validate().unwrap();
-            let usual = config.clone().for_points(300);
-            assert_eq!(usual.stages, config.stages);
-            let large = config.clone().for_points(120_610);
-            large.validate().unwrap();
-            assert!(large.bsp.reach > 0 && large.stages[0].resolution > config.stages[0].resolution);
-            assert_eq!(large.clone().for_points(120_610), large);
+            Config::preset(preset).validate().unwrap();
         }
     }
 

@@ -17,6 +17,7 @@ mod options;
 mod phases;
 mod preset;
 mod run;
+mod scale;
 mod step;
 #[cfg(feature = "checkpoint")]
 mod store;

@@ -71,6 +71,7 @@ const ENTRIES: &[Entry] = entries! {
     "stages" => stages;
     "band.refresh" => band.refresh;
     "band.rings" => band.rings;
+    "batch.thin" => batch.thin;
     "batch.points" => batch.points;
     "batch.centres" => batch.centres;
     "surface_samples" => surface_samples;

@@ -148,7 +148,7 @@ fn default() -> Config {
         },
         stages: vec![Stage { resolution: 32, steps: 400 }],
         band: Band { refresh: 4, rings: 0 },
-        batch: Batch { points: 4096, centres: 1024 },
+        batch: Batch { thin: 0.25, points: 4096, centres: 1024 },
         surface_samples: 0,
         field_rate: Schedule { base: 5e-4, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
         bsp_rate: Schedule { base: 1e-3, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },

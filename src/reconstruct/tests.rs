@@ -301,7 +301,7 @@ fn the_threads_do_not_change_a_byte() {
     let points = ball(120);
     // Blocks and windows as for a large cloud.
     let mut large = tiny();
-    large.batch = Batch { points: 50, centres: 30 };
+    large.batch = Batch { thin: 0.25, points: 50, centres: 30 };
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
     for config in [tiny(), large, offset] {
         let on = |threads: usize| {
@@ -539,7 +539,7 @@ fn a_run_that_cannot_come_back_says_so() {
 #[test]
 fn scaled_clouds_use_windows_and_blocks() {
     let mut config = tiny();
-    config.batch = Batch { points: 32, centres: 20 };
+    config.batch = Batch { thin: 0.25, points: 32, centres: 20 };
     let mut trainer = at_training(&ball(100), &config);
     assert!(trainer.blocks.len() == 8);
     let mut seen = vec![0; 100];

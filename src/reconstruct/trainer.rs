@@ -6,7 +6,7 @@ use super::{Config, Phase, Reconstruction};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{Deformation, Field, ShapeFit};
-use crate::geometry::{Normalizer, clean_cloud};
+use crate::geometry::{Normalizer, TetGrid, clean_cloud, thin_cloud};
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
 use rand::SeedableRng;
@@ -39,6 +39,19 @@ pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, 
         merged: clean.duplicates_merged,
         normalizer,
     })
+}
+
+/// The points of a large cloud that training works with.
+fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
+    let finest = config.stages.iter().map(|s| s.resolution).max();
+    let grid = finest.and_then(|resolution| TetGrid::working_frame(resolution).ok());
+    match grid {
+        Some(grid) if config.batch.thin > 0.0 && cloud.len() > config.batch.points => {
+            let kept = thin_cloud(&cloud, config.batch.thin * grid.spacing());
+            kept.into_iter().map(|i| cloud[i as usize]).collect()
+        }
+        _ => cloud,
+    }
 }
 
 /// The field as its initial weights make it.
@@ -79,7 +92,7 @@ pub struct Trainer {
     /// Distinct points, input frame.
     pub(super) input: Vec<[f32; 3]>,
     pub(super) normalizer: Normalizer,
-    /// Distinct points, working frame.
+    /// Distinct points, working frame, thinned if there are many.
     pub(super) cloud: Vec<[f32; 3]>,
     /// The order in which a cloud larger than a step is gone through.
     pub(super) order: Vec<u32>,
@@ -124,7 +137,7 @@ impl Trainer {
     /// All parts in their initial state, before the start: what a checkpoint is read into.
     pub(super) fn blank(prepared: Prepared) -> Self {
         let Prepared { config, input, normalizer, .. } = prepared;
-        let cloud = normalizer.forward(&input);
+        let cloud = thinned(normalizer.forward(&input), &config);
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         let field = blank_field(&config, &mut rng);
         let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
