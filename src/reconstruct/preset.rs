@@ -94,6 +94,7 @@ fn paper() -> Config {
         stages: vec![Stage { resolution: 24, steps: 300 }],
         field_rate: Schedule { base: 5e-4, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
         bsp_rate: Schedule { base: 1e-3, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
+        surface_samples: 0,
         min_component: 0.0,
         ..default()
     }
@@ -101,8 +102,11 @@ fn paper() -> Config {
 
 fn fast() -> Config {
     Config {
-        stages: vec![Stage { resolution: 24, steps: 150 }],
-        start: Start { steps: 300, ..default().start },
+        bsp_pretrain: 40,
+        bsp_every: 4,
+        start: Start { steps: 150, ..default().start },
+        stages: vec![Stage { resolution: 32, steps: 90 }],
+        surface_samples: 4000,
         ..default()
     }
 }
@@ -146,10 +150,10 @@ fn default() -> Config {
             pull: 0.0,
             cover: 1.0,
         },
-        stages: vec![Stage { resolution: 32, steps: 400 }],
+        stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 200 }],
         band: Band { refresh: 4, rings: 0 },
         batch: Batch { thin: 0.25, points: 4096, centres: 1024 },
-        surface_samples: 0,
+        surface_samples: 8000,
         field_rate: Schedule { base: 5e-4, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
         bsp_rate: Schedule { base: 1e-3, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
         clip: 0.0,
@@ -161,6 +165,7 @@ fn fine() -> Config {
     Config {
         field: FieldConfig { width: 128, ..default().field },
         stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 300 }],
+        surface_samples: 16_000,
         ..default()
     }
 }

@@ -1,18 +1,20 @@
 //! What the number of points changes in the options.
 
 use super::Config;
-use super::config::{MOST_FREQUENCY, MOST_STEPS};
+use super::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
-/// What grid resolutions grow by at most, and the resolution they do not grow beyond.
-const MOST_RESOLUTION: (f64, usize) = (6.0, 192);
+/// What grid resolutions grow by at most, and the resolution that the finest does not grow beyond.
+const MOST_RESOLUTION: (f64, f64) = (6.0, 192.0);
 /// Width of the field for the usual sizes, and the width that it does not grow beyond.
 const WIDTHS: (f64, usize) = (64.0, 128);
 /// Octaves that are added at most.
 const MOST_OCTAVES: usize = 3;
 /// What the numbers of steps grow by at most.
 const MOST_GROWTH: f64 = 2.0;
+/// What the number of samples on the surface grows by at most.
+const MOST_SAMPLES: f64 = 8.0;
 /// Points that a patch attends to in larger clouds if it would attend to all otherwise.
 const LOCAL_REACH: usize = 16;
 
@@ -21,9 +23,10 @@ impl Config {
     ///
     /// | option | rule | because |
     /// |---|---|---|
-    /// | resolution of each stage | times s^(1/2), at most 6 times, up to 192 | a grid finer than the points resolves nothing, and the spacing of points on a surface falls with s^(1/2); a step's time and memory grow with the square |
+    /// | resolution of each stage | times s^(1/2), at most 6 times, the finest up to 192 | a grid finer than the points resolves nothing, and the spacing of points on a surface falls with s^(1/2); a step's time and memory grow with the square |
     /// | `field.width` | at least 64 s^(1/3), up to 128 | a network of 64 smooths a street of 14,623 points to a blob, on a fine grid just as on a coarse one |
     /// | `field.octaves` | log2(s) / 2 more, at most 3 | an octave for each halving of the detail |
+    /// | `surface_samples` | times s, at most 8 times | as many as a step sees points, and more |
     /// | steps of the start and of each stage | times s^(1/4), at most twice | a larger field learns a larger shape more slowly |
     /// | `bsp.reach` | 16 where it is 0, all points | attention of all to all costs n^2 |
     ///
@@ -44,12 +47,16 @@ impl Config {
             let scaled = steps as f64 * s.powf(0.25).min(MOST_GROWTH);
             (scaled.round() as usize).min(MOST_STEPS).max(steps)
         };
-        let (growth, finest) = MOST_RESOLUTION;
+        let finest = self.stages.iter().map(|s| s.resolution).max().unwrap_or(1) as f64;
+        let (most, limit) = MOST_RESOLUTION;
+        let growth = s.sqrt().min(most).min(limit / finest).max(1.0);
         for stage in &mut self.stages {
-            let scaled = (stage.resolution as f64 * s.sqrt().min(growth) / 4.0).round() as usize * 4;
-            stage.resolution = scaled.min(finest).max(stage.resolution);
+            let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
+            stage.resolution = scaled.max(stage.resolution);
             stage.steps = longer(stage.steps);
         }
+        let drawn = (self.surface_samples as f64 * s.min(MOST_SAMPLES)).round() as usize;
+        self.surface_samples = drawn.min(MOST_DRAWN);
         self.start.steps = longer(self.start.steps);
         let (usual, widest) = WIDTHS;
         let width = (usual * s.cbrt() / 16.0).round() as usize * 16;
@@ -117,6 +124,7 @@ mod tests {
         config.field.octaves = 9;
         config.field.frequency = 3.9;
         config.stages = vec![Stage { resolution: 256, steps: MOST_STEPS }];
+        config.surface_samples = MOST_DRAWN;
         config.validate().unwrap();
         let scaled = config.for_points(1 << 24);
         scaled.validate().unwrap();
