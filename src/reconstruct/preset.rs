@@ -102,9 +102,9 @@ fn paper() -> Config {
 
 fn fast() -> Config {
     Config {
-        bsp_pretrain: 40,
-        bsp_every: 4,
-        start: Start { steps: 150, ..default().start },
+        bsp_pretrain: 30,
+        bsp_every: 6,
+        start: Start { steps: 200, ..default().start },
         stages: vec![Stage { resolution: 32, steps: 90 }],
         surface_samples: 4000,
         ..default()

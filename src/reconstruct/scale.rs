@@ -98,8 +98,10 @@ mod tests {
     #[test]
     fn the_street_gets_what_the_table_says() {
         let config = Config::preset(Preset::Default).for_points(14_623);
-        assert_eq!(config.stages, [Stage { resolution: 84, steps: 654 }]);
+        let stages = [Stage { resolution: 84, steps: 327 }, Stage { resolution: 128, steps: 327 }];
+        assert_eq!(config.stages, stages);
         assert_eq!((config.field.width, config.field.octaves, config.start.steps), (128, 4, 654));
+        assert_eq!(config.surface_samples, 57_121);
     }
 
     #[test]

@@ -25,6 +25,7 @@ pub(super) fn tiny() -> Config {
     (config.start.width, config.start.regularity) = (0.5, 0.05);
     config.start.steps = 30;
     config.stages = vec![Stage { resolution: 8, steps: 6 }, Stage { resolution: 12, steps: 6 }];
+    config.surface_samples = 0;
     config
 }
 
@@ -539,7 +540,7 @@ fn a_run_that_cannot_come_back_says_so() {
 #[test]
 fn scaled_clouds_use_windows_and_blocks() {
     let mut config = tiny();
-    config.batch = Batch { thin: 0.25, points: 32, centres: 20 };
+    config.batch = Batch { thin: 0.0, points: 32, centres: 20 };
     let mut trainer = at_training(&ball(100), &config);
     assert!(trainer.blocks.len() == 8);
     let mut seen = vec![0; 100];
@@ -552,4 +553,18 @@ fn scaled_clouds_use_windows_and_blocks() {
     // 12 windows of 32 go round 100 points nearly four times.
     assert!(seen.iter().all(|&s| s == 3 || s == 4), "{seen:?}");
     assert_eq!(trainer.finish().surface_points().len(), 400);
+}
+
+#[test]
+fn only_clouds_beyond_a_batch_are_thinned() {
+    let mut config = tiny();
+    // Cubes that hold several of the points.
+    config.batch = Batch { thin: 2.0, points: 400, centres: 100 };
+    assert_eq!(Trainer::new(&ball(400), &config).unwrap().cloud.len(), 400);
+    let points = ball(401);
+    let trainer = Trainer::new(&points, &config).unwrap();
+    let kept = trainer.cloud.len();
+    assert!((20..300).contains(&kept), "{kept}");
+    let result = trainer.finish();
+    assert_eq!((result.cloud().len(), result.surface_points().len()), (401, 4 * kept));
 }

@@ -125,7 +125,7 @@ impl Trainer {
     /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
     /// no first shape is found.
     pub fn new(points: &[[f32; 3]], config: &Config) -> Result<Self, Error> {
-        Self::from_prepared(prepare(points, config)?)
+        rayon::scope(|_| Self::from_prepared(prepare(points, config)?))
     }
 
     pub(super) fn from_prepared(prepared: Prepared) -> Result<Self, Error> {
