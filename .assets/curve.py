@@ -20,11 +20,15 @@ for build, (style, colour) in styles.items():
     points = sorted(
         (float(r["seconds"]), float(r["cd"]), r["setting"]) for r in rows if r["build"] == build
     )
-    label = {"before": "before issue 3", "after": "now", "peer": "peers"}[build]
+    label = {"before": "one grid, its vertices as samples", "after": "now", "peer": "peers"}[build]
     axes.plot([p[0] for p in points], [p[1] for p in points], style, color=colour, label=label)
     for seconds, cd, name in points:
-        axes.annotate(name, (seconds, cd), xytext=(5, 5), textcoords="offset points", fontsize=8, color=colour)
+        axes.annotate(name, (seconds, cd), xytext=(5, 6 if build != "after" else -12), textcoords="offset points", fontsize=8, color=colour)
 axes.set_xscale("log")
+ticks = [1, 2, 5, 10, 20, 50, 100]
+axes.set_xticks(ticks, [str(t) for t in ticks])
+axes.set_xticks([], minor=True)
+axes.set_xlim(1, 120)
 axes.set_xlabel("processor seconds of a shape (one thread, mean)")
 axes.set_ylabel("10 x CD_L1 (mean)")
 axes.set_ylim(0.06, 0.16)
