@@ -565,6 +565,9 @@ fn only_clouds_beyond_a_batch_are_thinned() {
     let trainer = Trainer::new(&points, &config).unwrap();
     let kept = trainer.cloud.len();
     assert!((20..300).contains(&kept), "{kept}");
+    // Not to almost nothing.
+    config.batch.thin = 100.0;
+    assert_eq!(Trainer::new(&points, &config).unwrap().cloud.len(), 401);
     let result = trainer.finish();
     assert_eq!((result.cloud().len(), result.surface_points().len()), (401, 4 * kept));
 }

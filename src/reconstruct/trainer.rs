@@ -41,6 +41,9 @@ pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, 
     })
 }
 
+/// A cloud is not thinned to fewer points than these.
+const LEAST_THINNED: usize = 64;
+
 /// The points of a large cloud that training works with.
 fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
     let finest = config.stages.iter().map(|s| s.resolution).max();
@@ -48,6 +51,10 @@ fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
     match grid {
         Some(grid) if config.batch.thin > 0.0 && cloud.len() > config.batch.points => {
             let kept = thin_cloud(&cloud, config.batch.thin * grid.spacing());
+            // A heap of points and a far outlier would become a few points.
+            if kept.len() < LEAST_THINNED {
+                return cloud;
+            }
             kept.into_iter().map(|i| cloud[i as usize]).collect()
         }
         _ => cloud,
