@@ -1,8 +1,9 @@
 //! How time and memory grow: a run of a few steps with the cloud, and the extraction of a surface with the grid.
 //!
-//! `cargo bench --bench growth`. One run each, not a statistic. The options stay those of 300 points, so what grows is the cloud alone; the rule that
-//! adapts them is `Config::for_points`. The exponents are the slopes of straight lines through the logarithms of the
-//! last four rows; where the rows before are flat, other costs outweigh what grows.
+//! `cargo bench --bench growth`. One run each, not a statistic. The options stay those of 300 points, so what grows is
+//! the cloud alone; the rule that adapts them is `Config::for_points`. The exponents are the slopes of straight lines
+//! through the logarithms of the last four rows; where the rows before are flat, other costs outweigh what grows. A
+//! peak counts memory that rows before it gave back and the allocator still holds.
 
 use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, extract};
 use bijective_sdf::reconstruct::{Config, Phase, Stage, Trainer};

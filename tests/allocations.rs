@@ -36,9 +36,14 @@ fn asked() -> (usize, usize) {
 }
 
 /// The buffers of a step hold some 50 MB; what it computes them in is kept from step to step. What remains are the
-/// gradients that are handed out, index lists of the neighbours, and, where the band is searched for anew, its grid.
+/// gradients that are handed out, index lists of the neighbours, and, where the band is searched for anew, its grid. On
+/// one thread: others warm up whenever they first get work.
 #[test]
 fn a_warm_step_asks_for_little() {
+    rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap().install(warm_steps);
+}
+
+fn warm_steps() {
     let (points, _) = Shape::Torus { major: 0.36, minor: 0.14 }.sample(300, 1);
     let mut config = Config { bsp_pretrain: 6, ..Config::default() };
     config.start.steps = 100;

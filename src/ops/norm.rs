@@ -191,6 +191,28 @@ mod tests {
     }
 
     #[test]
+    fn rows_of_several_blocks_are_what_they_are_alone() {
+        let c = 8;
+        let n = 2 * crate::tensor::row_block(c) + 5;
+        let (x, seed) = (normal(&[n, c], 1), normal(&[n, c], 2));
+        let both_ways = |x: &[f32], seed: &[f32]| {
+            let mut t = Tape::new();
+            let dims = [x.len() / c, c];
+            let x = t.input(Tensor::from_vec(&dims, x.to_vec()));
+            let (gain, bias) = (t.constant(normal(&[1, c], 3)), t.constant(normal(&[1, c], 4)));
+            let y = t.layer_norm(x, gain, bias, 1e-5);
+            let dx = t.pull([(y, Tensor::from_vec(&dims, seed.to_vec()))]).take(x).unwrap();
+            [t.value(y).data().to_vec(), dx.data().to_vec()]
+        };
+        let whole = both_ways(x.data(), seed.data());
+        for first in [0, n / 2 - 9, n - 9] {
+            let rows = first * c..(first + 9) * c;
+            let alone = both_ways(&x.data()[rows.clone()], &seed.data()[rows.clone()]);
+            assert!((0..2).all(|i| alone[i] == whole[i][rows.clone()]), "rows from {first}");
+        }
+    }
+
+    #[test]
     fn zero_rows_stay_finite_both_ways() {
         let mut t = Tape::new();
         let x = t.input(Tensor::from_vec(&[2, 3], vec![0.0, 0.0, 0.0, 3e-30, 4e-30, 0.0]));

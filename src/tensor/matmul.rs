@@ -366,8 +366,9 @@ mod tests {
 
     #[test]
     fn all_forms_agree_with_the_naive_product() {
+        // Small and large blocks of rows, and with 300 x 500 a right side whose panels several threads fill.
         let mut sizes: Vec<(usize, usize, usize)> =
-            vec![(700, 128, 64), (1100, 70, 130), (64, 3000, 3), (3, 900, 64)];
+            vec![(700, 128, 64), (1100, 70, 130), (30, 300, 500), (64, 3000, 3), (3, 900, 64)];
         for m in 0..12 {
             for k in 0..12 {
                 sizes.extend((0..12).map(|n| (m, k, n)));
