@@ -258,10 +258,55 @@ fn sample_info_and_evaluate_fit_together() {
     );
     assert!(evaluate(&[], &[&mesh, &mesh]).contains("floor"));
     let csv = evaluate(&["--csv"], &[&mesh, &open, &cloud, &mesh]);
-    assert_eq!(csv.lines().count(), 3);
+    assert!(csv.lines().count() == 3 && csv.contains(",NC ntps,precision,recall,"), "{csv}");
     assert!(evaluate(&["--markdown"], &[&mesh, &open, &mesh, &mesh]).starts_with("| shape"));
+    let latex = evaluate(&["--latex", "--protocol", "ntps"], &[&mesh, &open, &mesh, &mesh]);
+    assert!(
+        latex.starts_with("\\begin{tabular}{lrrr}\n\\hline\nshape") && latex.contains("10 CD\\_L1 & 100 CD")
+    );
     fails(program().arg("evaluate").args([&mesh, &cloud]), 3, &["points.csv", "without faces"]);
     fails(program().arg("evaluate").args([&mesh, &mesh]).args(["--tau", "0"]), 2, &["tau"]);
+}
+
+#[test]
+fn protocols_choose_samples_frame_and_columns() {
+    let dir = Dir::new("protocols");
+    let mesh = dir.mesh("box.ply", true);
+    let scan = dir.text("scan.csv", "x,y,z,nx,ny,nz\n0.5,0.5,1,0,0,2\n0.5,0.5,1.25,0,0,2\n");
+    let evaluate = |args: &[&str], files: &[&Path]| {
+        out(&run(program().arg("evaluate").args(args).args(files).arg("--quiet"), 0))
+    };
+    let text = evaluate(&["--protocol", "sal", "--scan", "--json"], &[&mesh, &mesh, &scan]);
+    let json = Json::parse(&text);
+    assert_eq!(json.at("report").at("pred_samples").number(), 30_000.0);
+    assert_eq!(json.at("report").at("scale").number(), 1.0);
+    let hd = json.at("report").at("scan").at("hd_comp").number();
+    assert!((hd - 0.25).abs() < 0.01, "{hd}");
+    assert!(json.at("published").at("1000 CD^2 scan").number() > 100.0);
+    // What is said outright wins over the protocol.
+    let args = ["--protocol", "digs", "--samples", "2000", "--frame", "unit", "--tau", "0.5"];
+    let text = evaluate(&args, &[&mesh, &mesh]);
+    assert!(text.contains("2000 samples against 2000") && text.contains("precision at 0.5"), "{text}");
+    assert!(text.lines().any(|l| l.starts_with("CD scan ") && l.contains(" - ")), "{text}");
+
+    // Several pairs end in a summary; a cloud with normals has a normal consistency.
+    let files: [&Path; 4] = [&mesh, &mesh, &scan, &mesh];
+    let text = evaluate(&["--json", "--samples", "3000"], &files);
+    let lines: Vec<Json> = text.lines().map(Json::parse).collect();
+    assert_eq!(lines.len(), 3);
+    let at = |i: usize, key: &str| lines[i].at("report").at("metrics").at(key).number();
+    let summary = lines[2].at("summary");
+    assert_eq!((summary.at("pairs").number(), summary.at("protocol").text()), (2.0, "onet"));
+    let of = |key: &str, what: &str| summary.at("report").at("metrics").at(key).at(what).number();
+    assert!((of("cd_l1", "mean") - 0.5 * (at(0, "cd_l1") + at(1, "cd_l1"))).abs() < 1e-12);
+    let (low, high) = (at(0, "hd").min(at(1, "hd")), at(0, "hd").max(at(1, "hd")));
+    assert!((of("hd", "p5") - (low + 0.05 * (high - low))).abs() < 1e-12);
+    assert_eq!((of("nc", "count"), of("nc", "p50")), (2.0, of("nc", "median")));
+    let published = summary.at("published").at("10 CD_L1").at("mean").number();
+    assert!((published - 10.0 * of("cd_l1", "mean")).abs() < 1e-12);
+
+    fails(program().arg("evaluate").args([&mesh, &mesh]).arg("--scan"), 2, &["threes"]);
+    fails(program().arg("evaluate").args([&mesh, &mesh]).args(["--protocol", "x"]), 2, &["onet"]);
 }
 
 #[test]

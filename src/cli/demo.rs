@@ -104,7 +104,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
             .text("preset", preset.name())
             .raw("seed", config.seed);
         let json = describe(json, &trained, &topology)
-            .raw("evaluation", report_json(name, &report, false))
+            .raw("evaluation", report_json(name, &report))
             .number("seconds", trained.seconds)
             .path("cloud", Some(&cloud_file))
             .path("output", Some(&mesh_file))

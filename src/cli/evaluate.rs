@@ -2,40 +2,53 @@
 
 use std::path::{Path, PathBuf};
 
-use bijective_sdf::evaluate::{Frame, GroundTruth, Options, Report, Table, evaluate};
+use bijective_sdf::evaluate::{Frame, GroundTruth, Options, Protocol, Report, Table, evaluate_with_scan};
+use bijective_sdf::geometry::Topology;
+use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::failure::Failure;
 use super::files::{Content, Input, print};
 use super::json::Object;
-use super::report::{report_json, report_text, topology_json};
+use super::report::topology_json;
+use super::report::{published_json, published_text, report_json, report_text, summary_json, table_json};
+
+const AFTER: &str = "Tables hold the usual columns or, with --protocol, those of its published tables; --csv and --json \
+                     hold everything. --json prints one object a pair and, of several pairs, one with the summary.";
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
+#[command(after_help = AFTER)]
 pub struct EvaluateArgs {
     /// Ground truth (mesh or cloud) and prediction (mesh); more pairs may follow
     #[arg(required = true, num_args = 2.., value_names = ["GT", "PRED"])]
     files: Vec<PathBuf>,
-    /// Samples of each surface
-    #[arg(long, default_value_t = 100_000)]
-    samples: usize,
+    /// Sample, measure and print as these published tables do [default: the samples of onet, all usual columns]
+    #[arg(long, value_name = "NAME", value_parser = protocol_parser())]
+    protocol: Option<Protocol>,
+    /// Samples of each surface [default: 100000, or as the protocol has it]
+    #[arg(long, value_name = "N")]
+    samples: Option<usize>,
     /// Seed of the samples
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Threshold of the F-score, in units of the frame
-    #[arg(long, default_value_t = 0.01)]
-    tau: f64,
-    /// Frame of all numbers
-    #[arg(long, value_enum, default_value_t = FrameArg::Unit)]
-    frame: FrameArg,
+    /// Threshold of the F-score, in units of the frame [default: 0.01]
+    #[arg(long)]
+    tau: Option<f64>,
+    /// Frame of all numbers [default: unit, or as the protocol has it]
+    #[arg(long, value_enum)]
+    frame: Option<FrameArg>,
     /// Measure also from samples to triangles, which has no sampling floor
     #[arg(long)]
     surface: bool,
+    /// The files come in threes, GT PRED SCAN: measure also between the prediction and the raw scan (mesh or cloud)
+    #[arg(long)]
+    scan: bool,
     /// Print also the normal consistency summed over components, as some published tables have it
     #[arg(long)]
     ntps: bool,
-    /// Print one JSON object a pair
+    /// Print one JSON object a pair, and one with the summary
     #[arg(long, group = "style")]
     json: bool,
     /// Print a table of comma-separated values
@@ -44,6 +57,9 @@ pub struct EvaluateArgs {
     /// Print a Markdown table
     #[arg(long, group = "style")]
     markdown: bool,
+    /// Print a LaTeX table
+    #[arg(long, group = "style")]
+    latex: bool,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -54,66 +70,132 @@ enum FrameArg {
     AsIs,
 }
 
+fn protocol_parser() -> impl TypedValueParser<Value = Protocol> {
+    PossibleValuesParser::new(Protocol::ALL.map(Protocol::name))
+        .map(|name| Protocol::ALL.into_iter().find(|p| p.name() == name).expect("a listed name"))
+}
+
+impl EvaluateArgs {
+    /// The protocol's options, and what was said explicitly over them.
+    fn options(&self) -> Options {
+        let mut options =
+            Options { seed: self.seed, surface: self.surface, ..self.protocol.unwrap_or_default().options() };
+        if let Some(samples) = self.samples {
+            (options.samples, options.gt_samples, options.scan_samples) = (samples, None, None);
+        }
+        if let Some(tau) = self.tau {
+            options.tau = tau;
+        }
+        match self.frame {
+            Some(FrameArg::Unit) => options.frame = Frame::GroundTruthUnit,
+            Some(FrameArg::AsIs) => options.frame = Frame::AsIs,
+            None => {}
+        }
+        options
+    }
+}
+
+/// A compared pair: name, figures, and the facts of the predicted mesh.
+type Compared = (String, Report, Topology);
+
 /// Compares pairs of files.
 pub fn run(args: &EvaluateArgs, common: Common) -> Result<(), Failure> {
-    if !args.files.len().is_multiple_of(2) {
+    let (group, what) = if args.scan { (3, "threes") } else { (2, "pairs") };
+    if !args.files.len().is_multiple_of(group) {
         return Err(Failure::Usage(format!(
-            "{} files are not pairs; give a ground truth and a prediction each",
-            args.files.len()
+            "{} files are not {what}; give a ground truth and a prediction each{}",
+            args.files.len(),
+            if args.scan { ", and a scan" } else { "" }
         )));
     }
-    let options = Options {
-        samples: args.samples,
-        seed: args.seed,
-        tau: args.tau,
-        frame: match args.frame {
-            FrameArg::Unit => Frame::GroundTruthUnit,
-            FrameArg::AsIs => Frame::AsIs,
-        },
-        surface: args.surface,
-        floor: true,
-    };
-    let mut reports = Vec::new();
-    for pair in args.files.chunks_exact(2) {
-        let (gt, pred) = (&pair[0], &pair[1]);
-        let truth = Input::read(gt, None)?.content()?;
-        let mesh = Input::read(pred, None)?.mesh()?;
-        let truth = match &truth {
-            Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
-            Content::Cloud(cloud) => {
-                common.note(&format!("{} has no faces and is used as points", gt.display()));
-                GroundTruth::Cloud { points: &cloud.points, normals: None }
-            }
-        };
-        let report = evaluate(truth, &mesh, &options)?;
-        reports.push((name(pred), report, mesh.topology()));
+    let options = args.options();
+    let mut compared = Vec::new();
+    for files in args.files.chunks_exact(group) {
+        compared.push(compare(files, &options, common)?);
     }
-    let rows = || Table::of_reports(reports.iter().map(|(n, r, _)| (n.as_str(), Some(r))));
-    let with_ntps = |mut table: Table| {
-        if args.ntps {
-            table.add_column("NC ntps", reports.iter().map(|(_, r, _)| r.metrics.nc_ntps()));
+    let rows = || compared.iter().map(|(n, r, _)| (n.as_str(), Some(r)));
+    let table = || {
+        let mut table = match args.protocol {
+            Some(protocol) => Table::of_columns(protocol.columns(), rows()),
+            None => Table::of_reports(rows()),
+        };
+        if args.ntps && !table.columns().iter().any(|c| c == "NC ntps") {
+            table.add_column("NC ntps", compared.iter().map(|(_, r, _)| r.metrics.nc_ntps()));
         }
         table
     };
     if args.json {
-        let mut text = String::new();
-        for (name, report, topology) in &reports {
-            text += &Object::new()
-                .raw("report", report_json(name, report, args.ntps))
-                .raw("mesh", topology_json(topology))
-                .finish();
-            text.push('\n');
-        }
-        print(text)
+        print(json(&compared, args, &options))
     } else if args.csv {
-        print(with_ntps(rows()).to_csv())
+        print(Table::of_everything(rows()).to_csv())
     } else if args.markdown {
-        print(with_ntps(rows()).to_markdown())
-    } else if let [(name, report, topology)] = reports.as_slice() {
-        print(format!("{}{topology}\n", headed(name, report, args.ntps)))
+        print(table().to_markdown())
+    } else if args.latex {
+        print(table().to_latex())
+    } else if let [(name, report, topology)] = compared.as_slice() {
+        let published = args.protocol.map_or(String::new(), |p| published_text(p.columns(), report));
+        print(format!("{}{published}{topology}\n", headed(name, report, args.ntps)))
     } else {
-        print(with_ntps(rows()).to_text())
+        print(table().to_text())
     }
+}
+
+/// Reads and compares one ground truth, one prediction and, if there is one, one scan.
+fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<Compared, Failure> {
+    let pred = &files[1];
+    let truth = Input::read(&files[0], None)?.content()?;
+    let mesh = Input::read(pred, None)?.mesh()?;
+    let scan = files.get(2).map(|path| Input::read(path, None)?.content()).transpose()?;
+    if let Content::Cloud(cloud) = &truth {
+        let normals = if cloud.normals.is_some() { "with" } else { "without" };
+        common.note(&format!("{} has no faces and is used as points {normals} normals", files[0].display()));
+        cloud.notices.iter().for_each(|n| common.note(n));
+    }
+    let report = evaluate_with_scan(truth_of(&truth), &mesh, scan.as_ref().map(truth_of), options)?;
+    Ok((name(pred), report, mesh.topology()))
+}
+
+fn truth_of(content: &Content) -> GroundTruth<'_> {
+    match content {
+        Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
+        Content::Cloud(cloud) => {
+            GroundTruth::Cloud { points: &cloud.points, normals: cloud.normals.as_deref() }
+        }
+    }
+}
+
+/// One line a pair and, of several, one with the summary.
+fn json(compared: &[Compared], args: &EvaluateArgs, options: &Options) -> String {
+    let protocol = args.protocol.unwrap_or_default();
+    let mut text = String::new();
+    for (name, report, topology) in compared {
+        text += &Object::new()
+            .raw("report", report_json(name, report))
+            .raw("published", published_json(protocol.columns(), report))
+            .raw("mesh", topology_json(topology))
+            .finish();
+        text.push('\n');
+    }
+    if compared.len() > 1 {
+        let reports: Vec<&Report> = compared.iter().map(|c| &c.1).collect();
+        let published =
+            Table::of_columns(protocol.columns(), compared.iter().map(|(n, r, _)| (n.as_str(), Some(r))));
+        let frame = if options.frame == Frame::AsIs { "as-is" } else { "unit" };
+        let summary = Object::new()
+            .count("pairs", compared.len())
+            .text("protocol", protocol.name())
+            .text("frame", frame)
+            .count("samples", options.samples)
+            .raw("seed", options.seed)
+            .number("tau", options.tau)
+            .count("closed", compared.iter().filter(|c| c.2.closed && c.2.oriented).count())
+            .raw("report", summary_json(&reports))
+            .raw("published", table_json(&published))
+            .finish();
+        text += &Object::new().raw("summary", summary).finish();
+        text.push('\n');
+    }
+    text
 }
 
 fn headed(name: &str, report: &Report, ntps: bool) -> String {

@@ -1,6 +1,6 @@
 //! Facts and figures as text and JSON, and the quality gate.
 
-use bijective_sdf::evaluate::{Metrics, Report};
+use bijective_sdf::evaluate::{Column, Metrics, Report, Table};
 use bijective_sdf::geometry::Topology;
 
 use super::failure::Failure;
@@ -88,21 +88,38 @@ pub fn bounds_text(low: [f32; 3], high: [f32; 3]) -> String {
     format!("from        {} {} {}\nto          {} {} {}\n", low[0], low[1], low[2], high[0], high[1], high[2])
 }
 
+/// What JSON says of two surfaces, in units of the frame.
+const FIGURES: [(&str, fn(&Metrics) -> Option<f64>); 9] = [
+    ("cd_l1", |m| Some(m.cd_l1())),
+    ("cd_l2", |m| Some(m.cd_l2())),
+    ("acc", |m| Some(m.acc())),
+    ("comp", |m| Some(m.comp())),
+    ("nc", Metrics::nc),
+    ("nc_ntps", Metrics::nc_ntps),
+    ("hd", |m| Some(m.hd())),
+    ("hd_acc", |m| Some(m.to_gt.max)),
+    ("hd_comp", |m| Some(m.to_pred.max)),
+];
+
+/// The F-scores in a summary: half, once and twice the threshold.
+const SCORES: [&str; 3] = ["fscore_half", "fscore", "fscore_twice"];
+
 /// A report as a JSON object.
-pub fn report_json(name: &str, r: &Report, ntps: bool) -> String {
-    let part = |m: &Option<Metrics>| m.as_ref().map_or("null".to_string(), |m| metrics_json(m, ntps));
+pub fn report_json(name: &str, r: &Report) -> String {
+    let part = |m: &Option<Metrics>| m.as_ref().map_or("null".to_string(), metrics_json);
     Object::new()
         .text("name", name)
-        .raw("metrics", metrics_json(&r.metrics, ntps))
+        .raw("metrics", metrics_json(&r.metrics))
         .raw("floor", part(&r.floor))
         .raw("surface", part(&r.surface))
+        .raw("scan", part(&r.scan))
         .number("scale", r.scale)
         .count("gt_samples", r.gt_samples)
         .count("pred_samples", r.pred_samples)
         .finish()
 }
 
-fn metrics_json(m: &Metrics, ntps: bool) -> String {
+fn metrics_json(m: &Metrics) -> String {
     let scores = m.fscores().map(|f| {
         Object::new()
             .number("tau", f.tau)
@@ -111,24 +128,72 @@ fn metrics_json(m: &Metrics, ntps: bool) -> String {
             .number("recall", f.recall)
             .finish()
     });
-    let json = Object::new()
-        .number("cd_l1", m.cd_l1())
-        .number("cd_l2", m.cd_l2())
-        .number("acc", m.acc())
-        .number("comp", m.comp())
-        .number("nc", m.nc())
-        .number("hd", m.hd())
-        .raw("fscores", list(scores));
-    if ntps { json.number("nc_ntps", m.nc_ntps()) } else { json }.finish()
+    FIGURES
+        .iter()
+        .fold(Object::new(), |json, (key, value)| json.number(key, value(m)))
+        .raw("fscores", list(scores))
+        .finish()
 }
 
-/// A report as a table: prediction, sampling floor and distances to the true triangles side by side.
+/// Mean, median and percentiles over many reports of what [`report_json`] says of one, as a JSON object.
+pub fn summary_json(reports: &[&Report]) -> String {
+    let part = |metrics: &dyn Fn(&Report) -> Option<Metrics>| {
+        let mut table = Table::new(FIGURES.iter().map(|f| f.0).chain(SCORES));
+        for m in reports.iter().filter_map(|r| metrics(r)) {
+            let scores = m.fscores().map(|f| Some(f.f));
+            table.push("", FIGURES.iter().map(|f| f.1(&m)).chain(scores).collect());
+        }
+        if table.rows().is_empty() { "null".to_string() } else { table_json(&table) }
+    };
+    Object::new()
+        .raw("metrics", part(&|r| Some(r.metrics)))
+        .raw("floor", part(&|r| r.floor))
+        .raw("surface", part(&|r| r.surface))
+        .raw("scan", part(&|r| r.scan))
+        .finish()
+}
+
+/// The summary of a table as a JSON object with a member for each column.
+pub fn table_json(table: &Table) -> String {
+    let rows = table.summary();
+    (0..table.columns().len())
+        .fold(Object::new(), |json, c| {
+            let of = |name: &str| rows.iter().find(|r| r.0 == name).and_then(|r| r.1[c]);
+            let column =
+                [("mean", "mean"), ("median", "median"), ("p5", "5 %"), ("p50", "median"), ("p95", "95 %")]
+                    .into_iter()
+                    .fold(Object::new(), |json, (key, name)| json.number(key, of(name)))
+                    .count("count", of("count").unwrap_or(0.0) as usize);
+            json.raw(&table.columns()[c], column.finish())
+        })
+        .finish()
+}
+
+/// What the tables of a protocol print, as a JSON object.
+pub fn published_json(columns: &[Column], r: &Report) -> String {
+    columns.iter().fold(Object::new(), |json, c| json.number(c.name, c.value(r))).finish()
+}
+
+/// What the tables of a protocol print, in words.
+pub fn published_text(columns: &[Column], r: &Report) -> String {
+    let line = |c: &Column| {
+        let value = c.value(r).map_or("-".to_string(), |v| format!("{v:.5}"));
+        format!("{:26}{value:>14}  {}\n", c.name, c.unit)
+    };
+    columns.iter().map(line).collect()
+}
+
+/// A report as a table: prediction, sampling floor, distances to the true triangles and to the scan side by side.
 pub fn report_text(r: &Report, ntps: bool) -> String {
-    let columns: Vec<(&str, &Metrics)> =
-        [("measured", Some(&r.metrics)), ("floor", r.floor.as_ref()), ("to triangles", r.surface.as_ref())]
-            .into_iter()
-            .filter_map(|(name, m)| m.map(|m| (name, m)))
-            .collect();
+    let columns: Vec<(&str, Metrics)> = [
+        ("measured", Some(r.metrics)),
+        ("floor", r.floor),
+        ("to triangles", r.surface),
+        ("to the scan", r.scan),
+    ]
+    .into_iter()
+    .filter_map(|(name, m)| m.map(|m| (name, m)))
+    .collect();
     type Row = (String, fn(&Metrics) -> Option<f64>);
     let tau = r.metrics.tau;
     let mut rows: Vec<Row> = vec![
@@ -141,6 +206,8 @@ pub fn report_text(r: &Report, ntps: bool) -> String {
         (format!("F-score at {tau}"), |m| Some(m.fscore().f)),
         (format!("F-score at {}", 0.5 * tau), |m| Some(m.fscores()[0].f)),
         (format!("F-score at {}", 2.0 * tau), |m| Some(m.fscores()[2].f)),
+        (format!("precision at {tau}"), |m| Some(m.fscore().precision)),
+        (format!("recall at {tau}"), |m| Some(m.fscore().recall)),
     ];
     if ntps {
         rows.push(("normal consistency (ntps)".into(), Metrics::nc_ntps));

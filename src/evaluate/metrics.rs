@@ -255,6 +255,171 @@ mod tests {
         assert_eq!(m.nc(), Some(1.0));
     }
 
+    type Point = [f64; 3];
+
+    fn wide(p: [f32; 3]) -> Point {
+        p.map(f64::from)
+    }
+
+    fn dot(a: Point, b: Point) -> f64 {
+        a.iter().zip(b).map(|(x, y)| x * y).sum()
+    }
+
+    fn minus(a: Point, b: Point) -> Point {
+        std::array::from_fn(|k| a[k] - b[k])
+    }
+
+    /// Twin of one direction: from the distance and the normal at the other side of each sample, every figure by its
+    /// definition.
+    fn naive(found: &[(f64, Option<(Point, Point)>)], tau: f64) -> Directed {
+        let n = found.len() as f64;
+        let mean = |f: &dyn Fn(f64) -> f64| found.iter().map(|x| f(x.0)).sum::<f64>() / n;
+        let normals: Option<Vec<(Point, Point)>> = found.iter().map(|x| x.1).collect();
+        let agree = |f: &dyn Fn(Point, Point) -> f64| {
+            normals.as_ref().map(|all| all.iter().map(|&(a, b)| f(a, b)).sum::<f64>() / n)
+        };
+        Directed {
+            mean: mean(&|d| d),
+            mean_sq: mean(&|d| d * d),
+            max: found.iter().map(|x| x.0).fold(0.0, f64::max),
+            normal: agree(&|a, b| dot(a, b).abs()),
+            normal_ntps: agree(&|a, b| (0..3).map(|k| (a[k] * b[k]).abs()).sum()),
+            within: [0.5, 1.0, 2.0].map(|s| mean(&|d| if d < s * tau { 1.0 } else { 0.0 })),
+        }
+    }
+
+    fn naive_samples(from: Samples<'_>, to: Samples<'_>, tau: f64) -> Directed {
+        let found: Vec<_> = (0..from.points.len())
+            .map(|i| {
+                let dist = |j: usize| {
+                    let d = minus(wide(from.points[i]), wide(to.points[j]));
+                    dot(d, d).sqrt()
+                };
+                let best = (0..to.points.len()).min_by(|&a, &b| dist(a).total_cmp(&dist(b))).unwrap();
+                let normals = from.normals.zip(to.normals).map(|(a, b)| (wide(a[i]), wide(b[best])));
+                (dist(best), normals)
+            })
+            .collect();
+        naive(&found, tau)
+    }
+
+    /// The distance to a triangle: to its plane if the foot is inside, else to the nearest edge.
+    fn to_triangle(p: Point, [a, b, c]: [Point; 3]) -> (f64, Point) {
+        let cross = |u: Point, v: Point| -> Point {
+            std::array::from_fn(|k| u[(k + 1) % 3] * v[(k + 2) % 3] - u[(k + 2) % 3] * v[(k + 1) % 3])
+        };
+        let n = cross(minus(b, a), minus(c, a));
+        let length = dot(n, n).sqrt();
+        let inside =
+            [(a, b), (b, c), (c, a)].iter().all(|&(u, v)| dot(cross(minus(v, u), minus(p, u)), n) >= 0.0);
+        let edge = |(u, v): (Point, Point)| {
+            let (e, w) = (minus(v, u), minus(p, u));
+            let t = (dot(e, w) / dot(e, e)).clamp(0.0, 1.0);
+            let d = minus(w, e.map(|x| t * x));
+            dot(d, d).sqrt()
+        };
+        let dist = if inside {
+            dot(minus(p, a), n).abs() / length
+        } else {
+            [(a, b), (b, c), (c, a)].map(edge).into_iter().fold(f64::INFINITY, f64::min)
+        };
+        (dist, n.map(|x| x / length))
+    }
+
+    fn naive_surface(from: Samples<'_>, to: &TriangleMesh, tau: f64) -> Directed {
+        let found: Vec<_> = from
+            .points
+            .iter()
+            .enumerate()
+            .map(|(i, &p)| {
+                let to_face = |f: &[u32; 3]| to_triangle(wide(p), f.map(|v| wide(to.verts[v as usize])));
+                let best = to.faces.iter().map(to_face).min_by(|a, b| a.0.total_cmp(&b.0)).unwrap();
+                (best.0, from.normals.map(|n| (wide(n[i]), best.1)))
+            })
+            .collect();
+        naive(&found, tau)
+    }
+
+    #[track_caller]
+    fn close(got: &Directed, want: &Directed) {
+        let figures = |d: &Directed| {
+            let normals = [d.normal.unwrap_or(-1.0), d.normal_ntps.unwrap_or(-1.0)];
+            [[d.mean, d.mean_sq, d.max].as_slice(), &normals, &d.within].concat()
+        };
+        for (g, w) in figures(got).iter().zip(figures(want)) {
+            assert!((g - w).abs() < 2e-6, "{got:?}\n{want:?}");
+        }
+    }
+
+    fn random_points(rng: &mut ChaCha8Rng, n: usize) -> Vec<[f32; 3]> {
+        (0..n).map(|_| std::array::from_fn(|_| rng.random_range(-1.0f32..1.0))).collect()
+    }
+
+    fn random_normals(rng: &mut ChaCha8Rng, n: usize) -> Vec<[f32; 3]> {
+        (0..n)
+            .map(|_| {
+                let z = rng.random_range(-1.0f32..1.0);
+                let t = rng.random_range(0.0f32..std::f32::consts::TAU);
+                let r = (1.0 - z * z).sqrt();
+                [r * t.cos(), r * t.sin(), z]
+            })
+            .collect()
+    }
+
+    #[test]
+    fn every_metric_of_samples_equals_its_definition() {
+        let mut rng = ChaCha8Rng::seed_from_u64(11);
+        for n in 1..=12 {
+            for m in [1, 2, 5, 12, 40] {
+                let (a, b) = (random_points(&mut rng, n), random_points(&mut rng, m));
+                let (na, nb) = (random_normals(&mut rng, n), random_normals(&mut rng, m));
+                let (a, b) = (Samples::new(&a, Some(&na)), Samples::new(&b, Some(&nb)));
+                let tau = rng.random_range(0.1..1.5);
+                let got = compare_samples(a, b, tau);
+                let want =
+                    Metrics { to_gt: naive_samples(a, b, tau), to_pred: naive_samples(b, a, tau), tau };
+                close(&got.to_gt, &want.to_gt);
+                close(&got.to_pred, &want.to_pred);
+                let (p, q) = (want.to_gt, want.to_pred);
+                let halves = [
+                    (got.cd_l1(), (p.mean + q.mean) / 2.0),
+                    (got.cd_l2(), (p.mean_sq + q.mean_sq) / 2.0),
+                    (got.hd(), if p.max > q.max { p.max } else { q.max }),
+                    (got.nc().unwrap(), (p.normal.unwrap() + q.normal.unwrap()) / 2.0),
+                    (got.nc_ntps().unwrap(), (p.normal_ntps.unwrap() + q.normal_ntps.unwrap()) / 2.0),
+                    (got.acc(), p.mean),
+                    (got.comp(), q.mean),
+                ];
+                assert!(halves.iter().all(|(g, w)| (g - w).abs() < 2e-6), "{halves:?}");
+                for (i, f) in got.fscores().iter().enumerate() {
+                    let (p, r) = (p.within[i], q.within[i]);
+                    let harmonic = if p > 0.0 && r > 0.0 { 2.0 / (1.0 / p + 1.0 / r) } else { 0.0 };
+                    assert_eq!((f.precision, f.recall), (p, r));
+                    assert!((f.f - harmonic).abs() < 1e-12 && f.tau == tau * [0.5, 1.0, 2.0][i]);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn every_metric_of_surfaces_equals_its_definition() {
+        let mut rng = ChaCha8Rng::seed_from_u64(12);
+        for n in 1..=12 {
+            let soup = |rng: &mut ChaCha8Rng| TriangleMesh {
+                verts: random_points(rng, 3 * n),
+                faces: (0..n as u32).map(|f| [3 * f, 3 * f + 1, 3 * f + 2]).collect(),
+            };
+            let (a, b) = (soup(&mut rng), soup(&mut rng));
+            let (pa, pb) = (sample_surface(&a, 30, 1).unwrap(), sample_surface(&b, 20, 2).unwrap());
+            let (sa, sb) =
+                (Samples::new(&pa.points, Some(&pa.normals)), Samples::new(&pb.points, Some(&pb.normals)));
+            let (ta, tb) = (TriangleBvh::new(&a).unwrap(), TriangleBvh::new(&b).unwrap());
+            let got = compare_surfaces((sa, &ta), (sb, &tb), 0.3);
+            close(&got.to_gt, &naive_surface(sa, &b, 0.3));
+            close(&got.to_pred, &naive_surface(sb, &a, 0.3));
+        }
+    }
+
     #[test]
     fn directions_are_not_mixed_up() {
         // The prediction covers a third of the ground truth: precise, not complete.
@@ -275,18 +440,8 @@ mod tests {
     #[test]
     fn random_normals_score_a_half_and_three_quarters() {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
-        let mut random = |n: usize| -> Vec<[f32; 3]> {
-            (0..n)
-                .map(|_| {
-                    let z = rng.random_range(-1.0f32..1.0);
-                    let t = rng.random_range(0.0f32..std::f32::consts::TAU);
-                    let r = (1.0 - z * z).sqrt();
-                    [r * t.cos(), r * t.sin(), z]
-                })
-                .collect()
-        };
-        let points = random(20_000);
-        let (na, nb) = (random(20_000), random(20_000));
+        let mut random = || random_normals(&mut rng, 20_000);
+        let (points, na, nb) = (random(), random(), random());
         let m = compare_samples(Samples::new(&points, Some(&na)), Samples::new(&points, Some(&nb)), 0.01);
         assert!((m.nc().unwrap() - 0.5).abs() < 0.01, "{:?}", m.nc());
         assert!((m.nc_ntps().unwrap() - 0.75).abs() < 0.01, "{:?}", m.nc_ntps());

@@ -1,7 +1,7 @@
 //! Tables over many shapes, with a summary.
 
-use super::protocol::Report;
-use std::fmt::Write;
+use super::column::{Column, FURTHER, USUAL};
+use super::compare::Report;
 
 /// A table of numbers: one row a shape, one named column a quantity. A missing value prints as `-`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -16,45 +16,27 @@ impl Table {
         Table { columns: columns.into_iter().map(Into::into).collect(), rows: Vec::new() }
     }
 
-    /// The usual columns in the units of published tables: `10 CD_L1`, `100 CD_L2`, `NC`, `HD`, F-scores at half, once
+    /// The usual columns in the units of published tables: `10 CD_L1`, `100 CD_L2`, `NC`, `HD`, F-scores at once, half
     /// and twice the threshold, `10 acc`, `10 comp`, and for comparison the sampling floor of `10 CD_L1` and the
     /// floorless `10 CD_L1` to the true triangles. `None` is a shape that failed: its row has no values.
     pub fn of_reports<'a>(reports: impl IntoIterator<Item = (&'a str, Option<&'a Report>)>) -> Self {
-        let mut table = Table::new([
-            "10 CD_L1",
-            "100 CD_L2",
-            "NC",
-            "HD",
-            "F",
-            "F half",
-            "F twice",
-            "10 acc",
-            "10 comp",
-            "floor",
-            "10 CD_L1 surf",
-        ]);
+        Self::of_columns(&USUAL, reports)
+    }
+
+    /// Everything that was measured: the usual columns, the other normal consistency, precision and recall at the three
+    /// thresholds, and the rest of what was measured to triangles and from a scan.
+    pub fn of_everything<'a>(reports: impl IntoIterator<Item = (&'a str, Option<&'a Report>)>) -> Self {
+        Self::of_columns(&[USUAL.as_slice(), &FURTHER].concat(), reports)
+    }
+
+    /// The given columns, such as those of [`Protocol::columns`](super::Protocol::columns).
+    pub fn of_columns<'a>(
+        columns: &[Column],
+        reports: impl IntoIterator<Item = (&'a str, Option<&'a Report>)>,
+    ) -> Self {
+        let mut table = Table::new(columns.iter().map(|c| c.name));
         for (name, report) in reports {
-            let values = match report {
-                None => vec![None; table.columns.len()],
-                Some(r) => {
-                    let m = &r.metrics;
-                    let [half, once, twice] = m.fscores().map(|f| Some(f.f));
-                    vec![
-                        Some(10.0 * m.cd_l1()),
-                        Some(100.0 * m.cd_l2()),
-                        m.nc(),
-                        Some(m.hd()),
-                        once,
-                        half,
-                        twice,
-                        Some(10.0 * m.acc()),
-                        Some(10.0 * m.comp()),
-                        r.floor.map(|f| 10.0 * f.cd_l1()),
-                        r.surface.map(|s| 10.0 * s.cd_l1()),
-                    ]
-                }
-            };
-            table.push(name, values);
+            table.push(name, columns.iter().map(|c| report.and_then(|r| c.value(r))).collect());
         }
         table
     }
@@ -111,99 +93,6 @@ impl Table {
             ("count", all(&|x| Some(x.len() as f64))),
         ]
     }
-
-    /// Aligned plain text with the summary below a rule.
-    pub fn to_text(&self) -> String {
-        let cells = self.cells();
-        let widths = widths(&cells);
-        let mut out = String::new();
-        for (i, row) in cells.iter().enumerate() {
-            if i == 1 || i == self.rows.len() + 1 {
-                let total = widths.iter().sum::<usize>() + 2 * (widths.len() - 1);
-                out.push_str(&"-".repeat(total));
-                out.push('\n');
-            }
-            push_line(&mut out, row, &widths, "", "  ", "");
-        }
-        out
-    }
-
-    /// A Markdown table, aligned for reading as text too, with the summary as its last rows.
-    pub fn to_markdown(&self) -> String {
-        let mut cells = self.cells();
-        for row in &mut cells {
-            row[0] = row[0].replace('|', "\\|");
-        }
-        let widths = widths(&cells);
-        let mut out = String::new();
-        for (i, row) in cells.iter().enumerate() {
-            push_line(&mut out, row, &widths, "| ", " | ", " |");
-            if i == 0 {
-                let rule: Vec<String> = widths
-                    .iter()
-                    .enumerate()
-                    .map(|(c, &w)| if c == 0 { "-".repeat(w) } else { format!("{}:", "-".repeat(w - 1)) })
-                    .collect();
-                push_line(&mut out, &rule, &widths, "| ", " | ", " |");
-            }
-        }
-        out
-    }
-
-    /// Comma-separated values with a header, full precision, no summary; a missing value is empty.
-    pub fn to_csv(&self) -> String {
-        let quote = |s: &str| {
-            if s.contains(['"', ',', '\n', '\r']) {
-                format!("\"{}\"", s.replace('"', "\"\""))
-            } else {
-                s.to_string()
-            }
-        };
-        let mut out = String::from("name");
-        for c in &self.columns {
-            let _ = write!(out, ",{}", quote(c));
-        }
-        out.push('\n');
-        for (name, values) in &self.rows {
-            out.push_str(&quote(name));
-            for v in values {
-                let _ = match v {
-                    Some(v) => write!(out, ",{v}"),
-                    None => write!(out, ","),
-                };
-            }
-            out.push('\n');
-        }
-        out
-    }
-
-    /// One JSON object a row and line, full precision, no summary; missing and non-finite values are `null`.
-    pub fn to_json_lines(&self) -> String {
-        let mut out = String::new();
-        for (name, values) in &self.rows {
-            let _ = write!(out, "{{\"name\":{}", json_string(name));
-            for (c, v) in self.columns.iter().zip(values) {
-                let _ = match v {
-                    Some(v) if v.is_finite() => write!(out, ",{}:{v}", json_string(c)),
-                    _ => write!(out, ",{}:null", json_string(c)),
-                };
-            }
-            out.push_str("}\n");
-        }
-        out
-    }
-
-    /// Header, rows and summary as printed.
-    fn cells(&self) -> Vec<Vec<String>> {
-        let line = |name: &str, values: &[Option<f64>]| {
-            std::iter::once(name.to_string()).chain(values.iter().map(|v| number(*v))).collect()
-        };
-        let mut cells =
-            vec![std::iter::once("shape".to_string()).chain(self.columns.iter().cloned()).collect()];
-        cells.extend(self.rows.iter().map(|(name, values)| line(name, values)));
-        cells.extend(self.summary().iter().map(|(name, values)| line(name, values)));
-        cells
-    }
 }
 
 /// The `p`-th percentile (0 to 100) of `values` in any order, linear between the two nearest ranks; `None` of nothing.
@@ -225,50 +114,6 @@ pub fn percentile(values: &[f64], p: f64) -> Option<f64> {
     let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
     // Equal neighbours, infinite ones among them, need no interpolation.
     Some(if low == high { low } else { low + (at - at.floor()) * (high - low) })
-}
-
-fn number(v: Option<f64>) -> String {
-    match v {
-        None => "-".to_string(),
-        Some(v) if v == v.trunc() && v.abs() < 1e9 => format!("{v}"),
-        Some(v) if v.abs() >= 1e4 || v.abs() < 1e-3 => format!("{v:.3e}"),
-        Some(v) => format!("{v:.4}"),
-    }
-}
-
-fn widths(cells: &[Vec<String>]) -> Vec<usize> {
-    (0..cells[0].len())
-        .map(|c| cells.iter().map(|row| row[c].chars().count()).max().unwrap_or(0).max(3))
-        .collect()
-}
-
-/// Names to the left, numbers to the right.
-fn push_line(out: &mut String, row: &[String], widths: &[usize], open: &str, between: &str, close: &str) {
-    out.push_str(open);
-    for (i, (cell, &w)) in row.iter().zip(widths).enumerate() {
-        let _ = match i {
-            0 => write!(out, "{cell:<w$}"),
-            _ => write!(out, "{between}{cell:>w$}"),
-        };
-    }
-    out.push_str(close);
-    out.push('\n');
-}
-
-fn json_string(s: &str) -> String {
-    let mut out = String::from("\"");
-    for c in s.chars() {
-        match c {
-            '"' => out.push_str("\\\""),
-            '\\' => out.push_str("\\\\"),
-            c if (c as u32) < 0x20 => {
-                let _ = write!(out, "\\u{:04x}", c as u32);
-            }
-            c => out.push(c),
-        }
-    }
-    out.push('"');
-    out
 }
 
 #[cfg(test)]
@@ -307,39 +152,28 @@ mod tests {
     }
 
     #[test]
-    fn text_and_markdown_are_aligned() {
-        let t = small();
-        for text in [t.to_text(), t.to_markdown()] {
-            let widths: Vec<_> = text.lines().map(str::len).collect();
-            assert!(widths.windows(2).all(|w| w[0] == w[1]), "{text}");
-        }
-        assert!(t.to_markdown().starts_with("| shape"));
-        assert!(t.to_text().contains("0.2500") && t.to_text().contains('-'));
-    }
-
-    #[test]
-    fn csv_and_json_quote_and_keep_precision() {
-        let mut t = small();
-        assert_eq!(t.to_csv(), "name,a,\"b,c\"\none,1,0.25\n\"two \"\"x\"\"\",3,\n");
-        t.add_column("d", [Some(0.1 + 0.2), Some(f64::NAN)]);
-        assert_eq!(
-            t.to_json_lines(),
-            "{\"name\":\"one\",\"a\":1,\"b,c\":0.25,\"d\":0.30000000000000004}\n\
-             {\"name\":\"two \\\"x\\\"\",\"a\":3,\"b,c\":null,\"d\":null}\n"
-        );
-    }
-
-    #[test]
     fn reports_are_in_published_units() {
         let (a, b) = ([[0.0f32; 3]], [[0.25f32, 0.0, 0.0]]);
         let metrics = compare_samples(Samples::new(&a, None), Samples::new(&b, None), 0.2);
-        let report =
-            Report { metrics, surface: None, floor: None, scale: 1.0, gt_samples: 1, pred_samples: 1 };
+        let report = Report {
+            metrics,
+            surface: None,
+            floor: None,
+            scan: None,
+            scale: 1.0,
+            gt_samples: 1,
+            pred_samples: 1,
+        };
         let t = Table::of_reports([("x", Some(&report)), ("failed", None)]);
         assert_eq!(t.rows()[0].1[..4], [Some(2.5), Some(6.25), None, Some(0.25)]);
         assert_eq!(t.rows()[0].1[4..7], [Some(0.0), Some(0.0), Some(1.0)]);
         assert!(t.rows()[1].1.iter().all(Option::is_none));
-        assert_eq!(t.columns().len(), t.rows()[0].1.len());
+        let all = Table::of_everything([("x", Some(&report))]);
+        assert_eq!(all.columns()[..t.columns().len()], *t.columns());
+        assert!(all.columns().iter().enumerate().all(|(i, c)| !all.columns()[..i].contains(c)), "{all:?}");
+        let named = |name: &str| all.rows()[0].1[all.columns().iter().position(|c| c == name).unwrap()];
+        let parts = ["precision half", "recall half", "precision", "recall twice"].map(named);
+        assert_eq!(parts, [Some(0.0), Some(0.0), Some(0.0), Some(1.0)]);
     }
 
     #[test]

@@ -25,7 +25,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
         check_point(point, "point", i)?;
         verts.push(point);
     }
-    Ok(Loaded { verts, faces: Vec::new(), notices: vec!["ignored the intensity column".to_string()] })
+    Ok(Loaded { verts, notices: vec!["ignored the intensity column".to_string()], ..Loaded::default() })
 }
 
 #[cfg(test)]

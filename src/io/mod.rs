@@ -48,6 +48,9 @@ use text::float;
 pub struct PointCloud {
     /// Positions, n x 3, all finite, in the order and units of the file.
     pub points: Vec<[f32; 3]>,
+    /// Normals, n x 3, all finite and of the file's lengths, if there are columns or properties `nx`, `ny` and `nz`
+    /// (PLY, XYZ and CSV). The reconstruction does not use them.
+    pub normals: Option<Vec<[f32; 3]>>,
     /// One sentence for each thing worth telling the user, such as `ignored 2 extra columns`.
     pub notices: Vec<String>,
 }
@@ -85,7 +88,12 @@ pub fn read_cloud_bytes(bytes: &[u8], format: Option<Format>) -> Result<PointClo
     }
     let mut notices = loaded.notices;
     notices.extend(coarse_floats(&loaded.verts));
-    Ok(PointCloud { points: loaded.verts, notices })
+    let mut normals = Some(loaded.normals).filter(|n| !n.is_empty());
+    if let Some(i) = normals.iter().flatten().position(|n| n.iter().any(|x| !x.is_finite())) {
+        notices.push(format!("ignored the normals: that of point {i} is not finite"));
+        normals = None;
+    }
+    Ok(PointCloud { points: loaded.verts, normals, notices })
 }
 
 /// Reads a triangle mesh from a PLY, OBJ or STL file; polygons become fans of triangles.
@@ -143,10 +151,15 @@ enum Want {
     Mesh,
 }
 
-/// What a reader hands back: v x 3 finite positions, f x 3 indices (not yet checked against v), and notices.
+/// The names of a normal's components.
+const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+
+/// What a reader hands back: v x 3 finite positions, v x 3 normals or none (finite or not), f x 3 indices (not yet
+/// checked against v), and notices.
 #[derive(Default)]
 struct Loaded {
     verts: Vec<[f32; 3]>,
+    normals: Vec<[f32; 3]>,
     faces: Vec<[u32; 3]>,
     notices: Vec<String>,
 }
@@ -307,6 +320,10 @@ mod tests {
                     cloud.points.capacity()
                 );
                 assert!(cloud.notices.iter().all(|n| !n.contains('\n')));
+                if let Some(normals) = &cloud.normals {
+                    assert!(normals.len() == cloud.points.len());
+                    assert!(normals.as_flattened().iter().all(|x| x.is_finite()));
+                }
             }
             Err(e) => assert!(kinds.contains(&e.kind()) && !e.to_string().contains('\n'), "{e}"),
         }
@@ -434,6 +451,20 @@ mod tests {
             e.to_string().starts_with("triangle 2: vertices 2, 1, 4 are named, but the file has 4"),
             "{e}"
         );
+    }
+
+    #[test]
+    fn odd_normals_are_left_out_with_a_notice() {
+        let read = |z: &str| {
+            let text = format!("x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,0,0,0,0,{z}\n");
+            read_cloud_bytes(text.as_bytes(), Some(Format::Csv)).unwrap()
+        };
+        assert_eq!(read("-2").normals, Some(vec![[0.0, 0.0, 1.0], [0.0, 0.0, -2.0]]));
+        for odd in ["nan", "", "word"] {
+            let cloud = read(odd);
+            assert!(cloud.normals.is_none() && cloud.points.len() == 2);
+            assert!(cloud.notices[0].contains("that of point 1"), "{:?}", cloud.notices);
+        }
     }
 
     #[test]

@@ -53,7 +53,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
     if tail > 0 {
         notices.push(format!("ignored {tail} bytes behind the array"));
     }
-    Ok(Loaded { verts, faces: Vec::new(), notices })
+    Ok(Loaded { verts, notices, ..Loaded::default() })
 }
 
 /// Cuts a file into the text of its header and the array's bytes.

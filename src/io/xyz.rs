@@ -2,12 +2,13 @@
 //!
 //! Both names read the same way. Columns are separated by commas, by semicolons or by white space; `#` and `//` start
 //! comments; a first line may hold the number of points (as in `.pts`) or the names of the columns. Where names are
-//! given and x, y, z are among them, these columns are taken, else the first three.
+//! given and x, y, z are among them, these columns are taken, else the first three. Columns named nx, ny, nz are
+//! normals; six columns without names may as well be colours.
 
 use std::io::{self, Write};
 
 use super::text::{Lines, not_a_number, three_floats, without_mark, words, write_floats};
-use super::{Loaded, check_point, float};
+use super::{Loaded, NORMAL, check_point, float};
 use crate::{Error, ErrorKind};
 
 /// Reads n x 3 points.
@@ -16,7 +17,8 @@ pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
     let mut notices = Vec::new();
     let mut promised: Option<u64> = None;
     let mut names: Option<Vec<String>> = None;
-    let mut columns = [0, 1, 2];
+    let mut columns = Columns { point: [0, 1, 2], normal: None };
+    let mut normals = Vec::new();
     let mut fields: Vec<&[u8]> = Vec::new();
 
     for (number, line) in Lines::new(without_mark(bytes)?) {
@@ -47,9 +49,15 @@ pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
             }
             columns = choose_columns(names.as_deref(), fields.len(), &mut notices);
         }
-        let point = read_point(data, columns, &mut fields).map_err(|e| at(e, verts.len()))?;
+        let point = read_point(data, columns.point, &mut fields).map_err(|e| at(e, verts.len()))?;
         check_point(point, "point", verts.len()).map_err(|e| e.at_line(number))?;
         verts.push(point);
+        if let Some(columns) = columns.normal {
+            // A missing or odd value spoils the normals, not the points.
+            split(data, &mut fields);
+            let part = |c: usize| fields.get(c).and_then(|f| float(f)).unwrap_or(f32::NAN);
+            normals.push(columns.map(part));
+        }
     }
 
     if let Some(promised) = promised {
@@ -65,7 +73,7 @@ pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
             notices.push(format!("the first line promises {promised} points; all {found} were read"));
         }
     }
-    Ok(Loaded { verts, faces: Vec::new(), notices })
+    Ok(Loaded { verts, normals, notices, ..Loaded::default() })
 }
 
 /// Writes n points a line each; with a comma as `separator` a line of column names comes first.
@@ -117,20 +125,30 @@ fn split<'a>(line: &'a [u8], fields: &mut Vec<&'a [u8]>) {
     }
 }
 
-/// The columns of x, y and z, from the names if these fit the `total` columns of the first point.
-fn choose_columns(names: Option<&[String]>, total: usize, notices: &mut Vec<String>) -> [usize; 3] {
+/// Where the numbers of a point are.
+struct Columns {
+    point: [usize; 3],
+    normal: Option<[usize; 3]>,
+}
+
+/// The columns of position and normal, from the names if these fit the `total` columns of the first point.
+fn choose_columns(names: Option<&[String]>, total: usize, notices: &mut Vec<String>) -> Columns {
     let named = names.filter(|n| n.len() == total);
-    let place = |axis: &str| named?.iter().position(|n| n == axis);
-    let columns = match (place("x"), place("y"), place("z")) {
-        (Some(x), Some(y), Some(z)) => [x, y, z],
-        _ => {
+    let places = |axes: [&str; 3]| -> Option<[usize; 3]> {
+        let place = |axis: &str| named?.iter().position(|n| n == axis);
+        Some([place(axes[0])?, place(axes[1])?, place(axes[2])?])
+    };
+    let columns = match places(["x", "y", "z"]) {
+        Some(point) => Columns { point, normal: places(NORMAL) },
+        None => {
             if names.is_some() {
                 notices.push("the column names give no x, y, z; the first 3 columns were used".to_string());
             }
-            [0, 1, 2]
+            Columns { point: [0, 1, 2], normal: None }
         }
     };
-    match total.saturating_sub(3) {
+    let read = if columns.normal.is_some() { 6 } else { 3 };
+    match total.saturating_sub(read) {
         0 => {}
         1 => notices.push("ignored 1 extra column".to_string()),
         extra => notices.push(format!("ignored {extra} extra columns")),
@@ -211,6 +229,30 @@ mod tests {
         assert_eq!(named.verts, [[1.0, 2.0, 3.0]]);
         assert!(named.notices[0].contains("first 3 columns"));
         assert!(read(b"1\n1 2 3\n4 5 6\n").unwrap().notices[0].contains("promises 1"));
+    }
+
+    #[test]
+    fn named_columns_are_normals() {
+        let cases: [&[u8]; 3] = [
+            b"x,y,z,nx,ny,nz\n1,2,3,0,0.6,-.8\n-4.5,0.001,6,1,0,0\n",
+            b"# X Y Z NX NY NZ\n1 2 3 0 0.6 -.8\n-4.5 0.001 6 1 0 0\n",
+            b"nz;ny;nx;id;z;y;x\n-.8;0.6;0;7;3;2;1\n0;0;1;8;6;0.001;-4.5\n",
+        ];
+        for bytes in cases {
+            let loaded = read(bytes).unwrap();
+            assert_eq!(loaded.verts, TWO);
+            assert_eq!(
+                loaded.normals,
+                [[0.0, 0.6, -0.8], [1.0, 0.0, 0.0]],
+                "{}",
+                String::from_utf8_lossy(bytes)
+            );
+        }
+        assert!(read(b"1 2 3 0 0 1\n").unwrap().normals.is_empty());
+        let odd = read(b"x y z nx ny nz\n1 2 3 0 one\n").map(|l| l.normals);
+        assert!(odd.is_err() || odd.is_ok_and(|n| n.is_empty()), "names that do not fit give no normals");
+        let odd = read(b"x,y,z,nx,ny,nz\n1,2,3,0,one,2\n").unwrap();
+        assert!(odd.normals[0][1].is_nan());
     }
 
     #[test]

@@ -7,7 +7,7 @@ use ply_rs::ply::{BeginList, ElementDef, Encoding, PropertyAccess, PropertyAcces
 
 use super::super::{Loaded, Want, check_point, push_fan};
 use super::header::{Header, size};
-use super::{CORNERS, cut_short, wanted};
+use super::{CORNERS, cut_short, has_normals, wanted};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -19,11 +19,16 @@ pub(super) fn read(header: &Header, mut body: &[u8], want: Want, loaded: &mut Lo
         }
         match def.name.as_str() {
             "vertex" => {
+                let normals = want == Want::Cloud && has_normals(def);
                 loaded.verts.reserve_exact(def.count);
+                loaded.normals.reserve_exact(if normals { def.count } else { 0 });
                 for i in 0..def.count {
                     let row: VertexRow = decoder.read(&mut body, def, i)?;
-                    check_point(row.0, "vertex", i)?;
-                    loaded.verts.push(row.0);
+                    check_point(row.point, "vertex", i)?;
+                    loaded.verts.push(row.point);
+                    if normals {
+                        loaded.normals.push(row.normal);
+                    }
                 }
             }
             "face" if want == Want::Mesh => {
@@ -93,25 +98,31 @@ impl Decoder {
     }
 }
 
-/// x, y, z of a vertex, from any number type.
-struct VertexRow([f32; 3]);
+/// Position and normal of a vertex, from any number type.
+struct VertexRow {
+    point: [f32; 3],
+    normal: [f32; 3],
+}
 
 impl VertexRow {
     fn set(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        let axis = match name {
-            "x" => 0,
-            "y" => 1,
-            "z" => 2,
+        let place = match name {
+            "x" => &mut self.point[0],
+            "y" => &mut self.point[1],
+            "z" => &mut self.point[2],
+            "nx" => &mut self.normal[0],
+            "ny" => &mut self.normal[1],
+            "nz" => &mut self.normal[2],
             _ => return PropertyAccessResult::Ignored,
         };
-        self.0[axis] = value;
+        *place = value;
         PropertyAccessResult::Set
     }
 }
 
 impl PropertyAccess for VertexRow {
     fn new() -> Self {
-        VertexRow([0.0; 3])
+        VertexRow { point: [0.0; 3], normal: [0.0; 3] }
     }
     fn set_char(&mut self, name: &str, value: i8) -> PropertyAccessResult {
         self.set(name, f32::from(value))

@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 
 use super::text::write_floats;
-use super::{Loaded, Want};
+use super::{Loaded, NORMAL, Want};
 use crate::{Error, ErrorKind};
 
 mod binary;
@@ -107,12 +107,9 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
     for e in &header.elements {
         match e.name.as_str() {
             "vertex" => {
-                let extra: Vec<&str> = e
-                    .properties
-                    .keys()
-                    .map(String::as_str)
-                    .filter(|k| !["x", "y", "z"].contains(k))
-                    .collect();
+                let normals = want == Want::Cloud && has_normals(e);
+                let read = |k: &&str| ["x", "y", "z"].contains(k) || (normals && NORMAL.contains(k));
+                let extra: Vec<&str> = e.properties.keys().map(String::as_str).filter(|k| !read(k)).collect();
                 let more = if extra.len() > 8 { ", ..." } else { "" };
                 let names = extra[..extra.len().min(8)].join(", ");
                 match extra.len() {
@@ -127,6 +124,13 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
         }
     }
     notices
+}
+
+/// Whether vertices have a normal, as three numbers.
+fn has_normals(vertex: &ElementDef) -> bool {
+    NORMAL.iter().all(|name| {
+        vertex.properties.get(*name).is_some_and(|p| matches!(p.data_type, PropertyType::Scalar(_)))
+    })
 }
 
 /// Whether any element from `from` on is of interest; what comes later need not be decoded.
@@ -203,6 +207,47 @@ mod tests {
             assert_eq!(cloud.verts, loaded.verts);
             assert!(cloud.notices.contains(&"ignored 1 faces; their vertices are the points".to_string()));
         }
+    }
+
+    #[test]
+    fn normals_of_a_cloud_are_read() {
+        let header = |encoding: &Encoding, normal: &str| {
+            format!(
+                "ply\nformat {encoding} 1.0\nelement vertex 2\nproperty float nx\nproperty float x\n\
+                 property float y\nproperty float z\nproperty {normal}\nproperty double nz\nend_header\n"
+            )
+        };
+        let rows = [[0.6, 1.0, 2.0, 3.0, 0.0, -0.8], [2.0, 4.0, 5.0, 6.0, 7.0, f64::NAN]];
+        for encoding in &ENCODINGS {
+            let mut bytes = header(encoding, "float ny").into_bytes();
+            for row in rows {
+                for (i, x) in row.into_iter().enumerate() {
+                    match encoding {
+                        Encoding::Ascii => {
+                            bytes.extend(format!("{x}{}", if i == 5 { "\n" } else { " " }).bytes())
+                        }
+                        Encoding::BinaryLittleEndian if i == 5 => bytes.extend(x.to_le_bytes()),
+                        Encoding::BinaryLittleEndian => bytes.extend((x as f32).to_le_bytes()),
+                        Encoding::BinaryBigEndian if i == 5 => bytes.extend(x.to_be_bytes()),
+                        Encoding::BinaryBigEndian => bytes.extend((x as f32).to_be_bytes()),
+                    }
+                }
+            }
+            let cloud = read(&bytes, Want::Cloud).unwrap_or_else(|e| panic!("{encoding}: {e}"));
+            assert_eq!(cloud.verts, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0]], "{encoding}");
+            assert_eq!(cloud.normals[0], [0.6, 0.0, -0.8]);
+            assert!(cloud.normals[1][..2] == [2.0, 7.0] && cloud.normals[1][2].is_nan());
+            assert!(cloud.notices.is_empty(), "{:?}", cloud.notices);
+        }
+        // A list, a missing component, or a mesh: no normals, and it is said.
+        let text = |normal: &str, row: &str| {
+            let bytes = format!("{}{row}\n{row}\n", header(&Encoding::Ascii, normal)).into_bytes();
+            let cloud = read(&bytes, Want::Cloud).unwrap();
+            assert!(cloud.normals.is_empty());
+            cloud.notices.concat()
+        };
+        assert!(text("list uchar float ny", "1 2 3 4 1 9 6").contains("(nx, ny, nz)"));
+        assert!(text("float n", "1 2 3 4 9 6").contains("(nx, n, nz)"));
     }
 
     #[test]

@@ -3,9 +3,9 @@
 use ply_rs::ply::{ElementDef, PropertyType};
 
 use super::super::text::{Lines, float, integer, not_a_number, show, words};
-use super::super::{Loaded, Want, check_point, push_fan};
+use super::super::{Loaded, NORMAL, Want, check_point, push_fan};
 use super::header::Header;
-use super::{CORNERS, cut_short, wanted};
+use super::{CORNERS, cut_short, has_normals, wanted};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -16,8 +16,12 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
         if !wanted(&header.elements[at..], want) {
             break;
         }
+        let normals = want == Want::Cloud && has_normals(def);
         match def.name.as_str() {
-            "vertex" => loaded.verts.reserve_exact(def.count),
+            "vertex" => {
+                loaded.verts.reserve_exact(def.count);
+                loaded.normals.reserve_exact(if normals { def.count } else { 0 });
+            }
             "face" if want == Want::Mesh => loaded.faces.reserve(def.count.min(body.len() / 4)),
             _ => {}
         }
@@ -29,9 +33,12 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
             let located = |e: Error| e.at_line(number).at_element(format!("{} {i}", def.name));
             match def.name.as_str() {
                 "vertex" => {
-                    let point = vertex_of(line, def).map_err(located)?;
+                    let (point, normal) = vertex_of(line, def).map_err(located)?;
                     check_point(point, "vertex", i).map_err(|e| e.at_line(number))?;
                     loaded.verts.push(point);
+                    if normals {
+                        loaded.normals.push(normal);
+                    }
                 }
                 "face" if want == Want::Mesh => {
                     polygon_of(line, def, &mut polygon).map_err(located)?;
@@ -44,16 +51,18 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
     Ok(())
 }
 
-/// x, y, z from the line of a vertex.
-fn vertex_of(line: &[u8], def: &ElementDef) -> Result<[f32; 3], Error> {
-    let mut point = [0.0; 3];
+/// Position and normal from the line of a vertex. A word that is no number makes the normal NaN: nobody may want it.
+fn vertex_of(line: &[u8], def: &ElementDef) -> Result<([f32; 3], [f32; 3]), Error> {
+    let (mut point, mut normal) = ([0.0; 3], [0.0; 3]);
     each_property(line, def, |name, values| {
         if let Some(axis) = ["x", "y", "z"].iter().position(|a| *a == name) {
             point[axis] = float(values[0]).ok_or_else(|| not_a_number(values[0]))?;
+        } else if let Some(axis) = NORMAL.iter().position(|a| *a == name) {
+            normal[axis] = values.first().and_then(|v| float(v)).unwrap_or(f32::NAN);
         }
         Ok(())
     })?;
-    Ok(point)
+    Ok((point, normal))
 }
 
 /// The corner list from the line of a face.
