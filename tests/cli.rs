@@ -305,8 +305,17 @@ fn protocols_choose_samples_frame_and_columns() {
     let published = summary.at("published").at("10 CD_L1").at("mean").number();
     assert!((published - 10.0 * of("cd_l1", "mean")).abs() < 1e-12);
 
+    let header =
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n";
+    let normals = "property float nx\nproperty float ny\nproperty float nz\nend_header\n";
+    let rows = "0.5 0.5 1 0 0 2\n0.5 1 0.5 0 -1 0\n";
+    let cloud = dir.text("cloud.ply", format!("{header}{normals}{rows}"));
+    let json = Json::parse(&evaluate(&["--json", "--frame", "as-is"], &[&cloud, &mesh]));
+    assert!(json.at("report").at("gt_samples").number() == 2.0);
+    assert!(json.at("report").at("metrics").at("nc").number() > 0.6);
     fails(program().arg("evaluate").args([&mesh, &mesh]).arg("--scan"), 2, &["threes"]);
-    fails(program().arg("evaluate").args([&mesh, &mesh]).args(["--protocol", "x"]), 2, &["onet"]);
+    let output = run(program().arg("evaluate").args([&mesh, &mesh]).args(["--protocol", "x"]), 2);
+    assert!(err(&output).contains("onet, ntps, digs, sal"));
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod inverse;
 mod neighbourhood;
 mod patch;
 mod surface_map;
+mod upsample;
 
 pub use atlas::Atlas;
 pub use canonical::Canonical;
@@ -14,6 +15,7 @@ pub use inverse::Inverse;
 pub use neighbourhood::Neighbourhood;
 pub use patch::PatchSampler;
 pub use surface_map::{Parameterization, SurfaceMap};
+pub use upsample::Upsample;
 
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};

@@ -42,6 +42,27 @@ impl Neighbourhood {
         Neighbourhood { context, centres: n, neighbours: [].into(), reach: None }
     }
 
+    /// The same in blocks of at most `size` centres, which are all that is in their context.
+    ///
+    /// # Panics
+    /// If `size` is 0.
+    #[track_caller]
+    pub(super) fn bare_blocks(points: &[[f32; 3]], size: usize) -> Vec<Self> {
+        assert!(size > 0, "blocks of no centres");
+        if points.len() <= size {
+            return vec![Self::without_neighbours(points.len())];
+        }
+        let mut parts = Vec::new();
+        split((0..points.len() as u32).collect(), points, size, &mut parts);
+        let bare = |context: Vec<u32>| Neighbourhood {
+            centres: context.len(),
+            context,
+            neighbours: [].into(),
+            reach: None,
+        };
+        parts.into_iter().map(bare).collect()
+    }
+
     /// The cloud in blocks of at most `size` centres: one if it is no larger, else halves of halves along their longest
     /// sides. Every point is a centre of one block.
     ///

@@ -1,6 +1,6 @@
 //! The parameterizations behind one door.
 
-use super::{Atlas, Bsp, BspConfig, Neighbourhood};
+use super::{Atlas, Bsp, BspConfig, Neighbourhood, Upsample};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
 use crate::tensor::Tensor;
@@ -13,6 +13,8 @@ pub enum Parameterization {
     Bsp,
     /// No S, the cloud stands for itself ("Sparse").
     None,
+    /// Interpolation between neighbours, with nothing to learn ("Upsample").
+    Upsample,
     /// One perceptron from the sphere to space ("Single").
     Single,
     /// Several perceptrons, each from a square of its own to space ("Multiple"; AtlasNet).
@@ -32,6 +34,8 @@ pub enum SurfaceMap {
     Bsp(Box<Bsp>),
     /// All at once.
     Atlas(Atlas),
+    /// Patch by patch, and always the same.
+    Upsample(Upsample),
 }
 
 impl SurfaceMap {
@@ -52,6 +56,7 @@ impl SurfaceMap {
         Some(match parameterization {
             Parameterization::None => return None,
             Parameterization::Bsp => SurfaceMap::Bsp(Box::new(Bsp::new(config, points, rng))),
+            Parameterization::Upsample => SurfaceMap::Upsample(Upsample::new(points, config.patch)),
             Parameterization::Single => SurfaceMap::Atlas(Atlas::sphere(codes, c, rng)),
             Parameterization::Multiple { maps } => {
                 SurfaceMap::Atlas(Atlas::squares(maps, codes.div_ceil(maps), c, rng))
@@ -64,6 +69,7 @@ impl SurfaceMap {
         match self {
             SurfaceMap::Bsp(bsp) => bsp.params(),
             SurfaceMap::Atlas(atlas) => atlas.params(),
+            SurfaceMap::Upsample(upsample) => upsample.params(),
         }
     }
 
@@ -72,6 +78,7 @@ impl SurfaceMap {
         match self {
             SurfaceMap::Bsp(bsp) => bsp.params_mut(),
             SurfaceMap::Atlas(atlas) => atlas.params_mut(),
+            SurfaceMap::Upsample(upsample) => upsample.params_mut(),
         }
     }
 
@@ -84,14 +91,25 @@ impl SurfaceMap {
         match self {
             SurfaceMap::Bsp(bsp) => Neighbourhood::blocks(points, bsp.config(), size),
             SurfaceMap::Atlas(_) => vec![Neighbourhood::without_neighbours(points.len())],
+            SurfaceMap::Upsample(_) => Neighbourhood::bare_blocks(points, size),
         }
     }
 
-    /// The number of points on S for a cloud of n points.
+    /// The number of points on S for a cloud of n points; the same for any n if the map is global.
     pub fn surface_len(&self, n: usize) -> usize {
         match self {
             SurfaceMap::Bsp(bsp) => n * bsp.config().patch,
             SurfaceMap::Atlas(atlas) => atlas.surface_len(),
+            SurfaceMap::Upsample(upsample) => n * upsample.patch(),
+        }
+    }
+
+    /// Points of S for each point of the cloud, where they come patch by patch.
+    fn patch(&self) -> Option<usize> {
+        match self {
+            SurfaceMap::Bsp(bsp) => Some(bsp.config().patch),
+            SurfaceMap::Atlas(_) => None,
+            SurfaceMap::Upsample(upsample) => Some(upsample.patch()),
         }
     }
 
@@ -104,17 +122,15 @@ impl SurfaceMap {
         match self {
             SurfaceMap::Bsp(bsp) => bsp.forward(tape, p, context, block).surface,
             SurfaceMap::Atlas(atlas) => atlas.forward(tape, p),
+            SurfaceMap::Upsample(upsample) => upsample.forward(tape, block),
         }
     }
 
     /// The rows of S that come from a point of the cloud; all rows for a global map.
     pub fn rows_of(&self, point: u32) -> std::ops::Range<usize> {
-        match self {
-            SurfaceMap::Bsp(bsp) => {
-                let patch = bsp.config().patch;
-                point as usize * patch..(point as usize + 1) * patch
-            }
-            SurfaceMap::Atlas(atlas) => 0..atlas.surface_len(),
+        match self.patch() {
+            Some(patch) => point as usize * patch..(point as usize + 1) * patch,
+            None => 0..self.surface_len(0),
         }
     }
 
@@ -124,15 +140,15 @@ impl SurfaceMap {
     /// If a number of points does not fit.
     #[track_caller]
     pub fn place(&self, block: &Neighbourhood, part: &[[f32; 3]], surface: &mut [[f32; 3]]) {
-        match self {
-            SurfaceMap::Bsp(bsp) => {
-                let patches = part.chunks_exact(bsp.config().patch);
+        match self.patch() {
+            Some(patch) => {
+                let patches = part.chunks_exact(patch);
                 assert!(patches.len() == block.centres().len(), "place: {} points of S", part.len());
                 for (&centre, patch) in block.centres().iter().zip(patches) {
                     surface[self.rows_of(centre)].copy_from_slice(patch);
                 }
             }
-            SurfaceMap::Atlas(_) => surface.copy_from_slice(part),
+            None => surface.copy_from_slice(part),
         }
     }
 
@@ -174,10 +190,26 @@ mod tests {
     }
 
     #[test]
+    fn interpolation_is_the_same_in_blocks_and_has_no_parameters() {
+        let points = normal(&[40, 3], 3).to_points();
+        let config = super::super::tests::small(4, true);
+        let map =
+            SurfaceMap::new(Parameterization::Upsample, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
+                .unwrap();
+        assert!(map.params().is_empty());
+        let blocks = map.blocks(&points, 6);
+        assert!(blocks.len() > 6);
+        assert_eq!(map.surface(&points, &blocks), map.surface(&points, &map.blocks(&points, 40)));
+        let surface = map.surface(&points, &blocks);
+        assert_eq!(surface[map.rows_of(7)], surface[21..24]);
+    }
+
+    #[test]
     fn every_parameterization_gives_its_number_of_points() {
         let points = normal(&[9, 3], 3).to_points();
         for (kind, want) in [
             (Parameterization::Bsp, 27),
+            (Parameterization::Upsample, 27),
             (Parameterization::Single, 27),
             (Parameterization::Multiple { maps: 5 }, 30),
         ] {

@@ -251,8 +251,9 @@ mod tests {
         blocks.batch = Batch { thin: 0.25, points: 40, centres: 30 };
         blocks.surface_samples = 50;
         let sparse = Config { parameterization: Parameterization::None, ..tiny() };
+        let upsample = Config { parameterization: Parameterization::Upsample, ..blocks.clone() };
         let offset = Config { deformation: Deformation::Offset, ..tiny() };
-        for config in [tiny(), blocks, sparse, offset] {
+        for config in [tiny(), blocks, sparse, upsample, offset] {
             let straight = bits(&run(&points, &config));
             // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between
             // two searches for the band.

@@ -112,7 +112,7 @@ pub struct Config {
     pub field: FieldConfig,
     /// How a denser surface is made of the points. Default `bsp`.
     pub parameterization: Parameterization,
-    /// The sizes of BSP; `patch` and `channels` hold for the other parameterizations, too.
+    /// The sizes of BSP; `patch` and, where they learn, `channels` hold for the other parameterizations, too.
     pub bsp: BspConfig,
     /// Steps on L_para alone before the training. Default 100; the paper has none.
     pub bsp_pretrain: usize,
@@ -154,13 +154,16 @@ pub(super) const MOST_STEPS: usize = 10_000_000;
 pub(super) const MOST_DRAWN: usize = 10_000_000;
 
 impl Config {
-    /// The steps of a phase. A sphere needs no start, and without a parameterization there is none to pretrain.
+    /// The steps of a phase. A sphere needs no start, and without a parameterization, or one that has nothing to learn,
+    /// there is none to pretrain.
     pub fn steps_in(&self, phase: Phase) -> usize {
         match phase {
             Phase::Start if self.start.shape == StartShape::Sphere => 0,
             Phase::Start => self.start.steps,
-            Phase::Pretrain if self.parameterization == Parameterization::None => 0,
-            Phase::Pretrain => self.bsp_pretrain,
+            Phase::Pretrain => match self.parameterization {
+                Parameterization::None | Parameterization::Upsample => 0,
+                _ => self.bsp_pretrain,
+            },
             Phase::Train => self.stages.iter().map(|s| s.steps).sum(),
         }
     }
@@ -345,8 +348,10 @@ mod tests {
         let pretrain = [(Pretrain, 0), (Pretrain, 1)];
         assert_eq!(phases(&config), [&start[..], &pretrain, &train].concat());
         assert_eq!(config.phase_at(9), (Train, 4));
-        config.parameterization = Parameterization::None;
-        assert_eq!(phases(&config), [&start[..], &train].concat());
+        for untrained in [Parameterization::Upsample, Parameterization::None] {
+            config.parameterization = untrained;
+            assert_eq!(phases(&config), [&start[..], &train].concat());
+        }
         config.start.shape = StartShape::Sphere;
         assert_eq!(phases(&config), train);
         // The paper knows no phases.

@@ -32,4 +32,6 @@ pub use step::StepReport;
 pub use trainer::Trainer;
 
 #[cfg(test)]
+mod ablations;
+#[cfg(test)]
 mod tests;

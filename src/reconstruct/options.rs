@@ -204,15 +204,17 @@ impl Text for Parameterization {
         match self {
             Parameterization::Bsp => "bsp".into(),
             Parameterization::None => "none".into(),
+            Parameterization::Upsample => "upsample".into(),
             Parameterization::Single => "single".into(),
             Parameterization::Multiple { maps } => format!("multiple:{maps}"),
         }
     }
     fn read(text: &str) -> Result<Self, &'static str> {
-        let expected = "bsp, none, single or multiple:MAPS, such as multiple:20";
+        let expected = "bsp, none, upsample, single or multiple:MAPS, such as multiple:20";
         match (text, text.split_once(':')) {
             ("bsp", _) => Ok(Parameterization::Bsp),
             ("none", _) => Ok(Parameterization::None),
+            ("upsample", _) => Ok(Parameterization::Upsample),
             ("single", _) => Ok(Parameterization::Single),
             (_, Some(("multiple", maps))) => {
                 Ok(Parameterization::Multiple { maps: maps.parse().map_err(|_| expected)? })
@@ -276,7 +278,8 @@ mod tests {
         odd.field_rate.decay = Decay::Step { every: 30, factor: 0.3 };
         odd.bsp_rate.decay = Decay::Constant;
         odd.deformation = Deformation::Offset;
-        for config in Preset::ALL.map(Config::preset).into_iter().chain([odd]) {
+        let upsample = Config { parameterization: Parameterization::Upsample, ..odd.clone() };
+        for config in Preset::ALL.map(Config::preset).into_iter().chain([odd, upsample]) {
             let mut read = Config::preset(Preset::Paper);
             read.seed = 99;
             for (key, value) in config.entries() {

@@ -161,7 +161,8 @@ impl Trainer {
             (0..size).map(|i| self.order[(step * size + i) % n]).collect()
         };
         let every = self.config.bsp_every;
-        let trains = self.map.is_some() && every > 0 && step.is_multiple_of(every);
+        let learns = self.map.as_ref().is_some_and(|map| !map.params().is_empty());
+        let trains = learns && every > 0 && step.is_multiple_of(every);
         let block = trains.then(|| step / every % self.blocks.len());
         View { points: rows.iter().map(|&i| self.cloud[i as usize]).collect(), rows, block }
     }

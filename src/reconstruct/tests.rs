@@ -222,7 +222,7 @@ fn every_parameter_has_a_gradient_that_is_not_zero() {
 }
 
 /// Small but enough for simple shapes.
-fn quick() -> Config {
+pub(super) fn quick() -> Config {
     let mut config = Config::preset(Preset::Default);
     config.field.width = 32;
     config.field.depth = 3;
@@ -312,48 +312,6 @@ fn the_threads_do_not_change_a_byte() {
         let one = on(1);
         assert_eq!(one, on(2));
         assert_eq!(one, on(3));
-    }
-}
-
-#[test]
-fn every_ablation_runs() {
-    let points = ball(60);
-    for settings in [
-        &[("parameterization", "none")][..],
-        &[("parameterization", "single"), ("bsp.every", "1")],
-        &[("parameterization", "multiple:4"), ("surface_samples", "100")],
-        &[("deformation", "offset")],
-        &[("deformation", "tanh"), ("clip", "1")],
-        &[("deformation", "none"), ("target", "surface")],
-        &[("bsp.every", "0"), ("weights.deform", "1")],
-        &[("weights.para", "0"), ("bsp.pretrain", "0")],
-        &[("weights.deform", "0"), ("weights.cover", "0"), ("weights.pull", "1")],
-        &[
-            ("bsp.patch", "3"),
-            ("bsp.neighbours", "12"),
-            ("bsp.reach", "0"),
-            ("bsp.average_positions", "false"),
-        ],
-        &[("field.activation", "relu"), ("field.skip", "1"), ("start.shape", "sphere"), ("band.rings", "2")],
-        &[("batch.points", "20"), ("batch.centres", "16"), ("bsp.reach", "0")],
-    ] {
-        let mut config = tiny();
-        for (key, value) in settings {
-            config.set(key, value).unwrap();
-        }
-        let mut steps = 0;
-        let result = reconstruct(&points, &config, &mut |event| {
-            if let Event::Step(report) = event {
-                assert!(report.loss.is_finite(), "{settings:?}");
-                assert_eq!(report.active_verts > 0, report.phase == Phase::Train, "{settings:?}");
-                steps += 1;
-            }
-            assert!(!matches!(event, Event::Recovered { .. }), "{settings:?}: {event:?}");
-            ControlFlow::Continue(())
-        })
-        .unwrap();
-        assert_eq!(steps, config.total_steps(), "{settings:?}");
-        assert!(result.mesh(12).unwrap().topology().closed, "{settings:?}");
     }
 }
 

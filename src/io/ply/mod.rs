@@ -79,12 +79,13 @@ pub(super) fn write(
 /// Makes sure that there are faces with exactly one corner list.
 fn check_faces(header: &Header) -> Result<(), Error> {
     let Some(face) = header.element("face") else {
-        let (what, advice) = if header.element("tristrips").is_some() {
-            ("the file holds triangle strips", "convert them to faces first")
+        // A cloud is whole but the wrong thing, as an OBJ file without faces is.
+        let (kind, what, advice) = if header.element("tristrips").is_some() {
+            (ErrorKind::Format, "the file holds triangle strips", "convert them to faces first")
         } else {
-            ("the file has no faces", "give a triangle mesh; this is a point cloud")
+            (ErrorKind::Data, "the file has no faces", "give a triangle mesh; this is a point cloud")
         };
-        return Err(Error::new(ErrorKind::Format, what).advise(advice));
+        return Err(Error::new(kind, what).advise(advice));
     };
     let lists: Vec<_> = CORNERS.iter().filter_map(|name| face.properties.get(*name)).collect();
     let what = match lists.as_slice() {
