@@ -88,8 +88,11 @@ pub fn bounds_text(low: [f32; 3], high: [f32; 3]) -> String {
     format!("from        {} {} {}\nto          {} {} {}\n", low[0], low[1], low[2], high[0], high[1], high[2])
 }
 
+/// The key of a figure and the figure.
+type Figure = (&'static str, fn(&Metrics) -> Option<f64>);
+
 /// What JSON says of two surfaces, in units of the frame.
-const FIGURES: [(&str, fn(&Metrics) -> Option<f64>); 9] = [
+const FIGURES: [Figure; 9] = [
     ("cd_l1", |m| Some(m.cd_l1())),
     ("cd_l2", |m| Some(m.cd_l2())),
     ("acc", |m| Some(m.acc())),
