@@ -8,6 +8,8 @@ use std::process::Command;
 use bijective_sdf::geometry::{Shape, TriangleMesh};
 use bijective_sdf::io::{read_mesh, write_cloud, write_mesh};
 
+// The tests of the other commands need the rest of it.
+#[allow(dead_code)]
 mod common;
 use common::json::Json;
 use common::{Dir, TINY, err, fails, out, program, run};

@@ -1,4 +1,4 @@
-//! Letters of 5 x 7 dots, for labels.
+//! Letters of 5 x 7 dots, for labels; some hang 2 dots lower.
 
 /// Dots in a row of a letter.
 pub const WIDTH: usize = 5;
@@ -27,14 +27,19 @@ const LETTERS: [&str; 95] = [
     // X Y Z [ \ ] ^ _
     "hha4ahh", "hha4444", "v1248gv", "e88888e", "0g84210", "e22222e", "4ah0000", "000000v",
     // ` a b c d e f g
-    "8400000", "00e1fhf", "ggmphhu", "00egghe", "11djhhf", "00ehvge", "698s888", "0fhhf1e",
+    "8400000", "00e1fhf", "ggmphhu", "00egghe", "11djhhf", "00ehvge", "698s888", "fhhhf1e",
     // h i j k l m n o
     "ggmphhh", "40c444e", "20622ic", "ggikoki", "c44444e", "00qllhh", "00mphhh", "00ehhhe",
     // p q r s t u v w
-    "00uhugg", "00djf11", "00mpggg", "00ege1u", "88s8896", "00hhhjd", "00hhha4", "00hhlla",
+    "mphhugg", "djhhf11", "00mpggg", "00ege1u", "88s8896", "00hhhjd", "00hhha4", "00hhlla",
     // x y z { | } ~
-    "00ha4ah", "00hhf1e", "00v248v", "6448446", "4444444", "c44244c", "008l200",
+    "00ha4ah", "hhhhf1e", "00v248v", "6448446", "4444444", "c44244c", "008l200",
 ];
+
+/// Dots that a letter hangs lower than others.
+pub fn drop(c: char) -> usize {
+    if "gpqy".contains(c) { 2 } else { 0 }
+}
 
 /// The rows of a letter from the top, the leftmost dot in the highest of 5 bits; `?` for what is not printable ASCII.
 pub fn glyph(c: char) -> [u8; HEIGHT] {

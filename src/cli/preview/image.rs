@@ -68,7 +68,7 @@ impl Image {
             let left = x + i * font::ADVANCE * scale;
             for (row, bits) in font::glyph(c).into_iter().enumerate() {
                 for column in (0..font::WIDTH).filter(|column| bits >> (font::WIDTH - 1 - column) & 1 == 1) {
-                    self.fill([left + column * scale, y + row * scale], [scale; 2], colour);
+                    self.fill([left + column * scale, y + (font::drop(c) + row) * scale], [scale; 2], colour);
                 }
             }
         }

@@ -215,7 +215,7 @@ mod tests {
         let moved = TriangleMesh { verts: mesh.verts.iter().map(far).collect(), faces: mesh.faces };
         let points: Vec<_> = points.iter().map(far).collect();
         let other = draw(&points, &moved, &View::default(), PANEL).unwrap();
-        let apart = image.rgb().iter().zip(&other.rgb).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+        let apart = image.rgb().iter().zip(other.rgb()).filter(|(a, b)| a.abs_diff(**b) > 8).count();
         assert!(apart < image.rgb().len() / 200, "{apart}");
         let png = image.to_png();
         let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();

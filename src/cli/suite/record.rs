@@ -122,7 +122,8 @@ impl Record {
         };
         let part = |key: &str| json.get(key);
         // The fingerprint finds the run; these are for other readers of the file.
-        (need("shape")?, need("setting")?);
+        need("shape")?;
+        need("setting")?;
         part("seed").and_then(Json::whole::<u64>).ok_or_else(|| missing("seed"))?;
         Ok(Record {
             fingerprint: need("fingerprint")?,

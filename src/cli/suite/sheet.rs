@@ -16,15 +16,18 @@ use super::work::{Truth, points_of};
 /// Width of the picture, about.
 const WIDTH: usize = 2000;
 /// Width over height that the picture comes near to.
-const ASPECT: f64 = 1.45;
+const ASPECT: f64 = 1.2;
+/// Columns beyond which labels would not fit.
+const MOST_COLUMNS: usize = 4;
 /// Most pixels a side of one of the three.
 const LARGEST: usize = 360;
 /// Pixels between shapes.
 const GAP: usize = 8;
 /// Pixels of a dot of a letter.
 const DOT: usize = 2;
-/// Pixels for the two lines below each shape, and for the title.
+/// Pixels for the two lines below each shape.
 const LABEL: usize = 2 * LINE + 4;
+/// Pixels from a line of text to the next.
 const LINE: usize = 9 * DOT + 2;
 
 const WHITE: [u8; 3] = [255; 3];
@@ -63,7 +66,7 @@ impl Layout {
             let [width, height] = l.size();
             ((width as f64 / height as f64) / ASPECT).ln().abs()
         };
-        let all = (1..=shapes.min(6)).map(layout);
+        let all = (1..=shapes.min(MOST_COLUMNS)).map(layout);
         all.min_by(|a, b| off(a).total_cmp(&off(b))).expect("one column at least")
     }
 
@@ -153,7 +156,7 @@ fn shortened(text: &str, width: usize) -> String {
 fn label(entry: &Entry<'_>) -> [String; 2] {
     let record = entry.record;
     let first = match record.cd() {
-        Some(cd) => format!("{}  {cd:.3}", entry.job.shape.name),
+        Some(cd) => format!("{}  {cd:.4}", entry.job.shape.name),
         None => entry.job.shape.name.clone(),
     };
     if let Some(text) = &record.failure {
@@ -225,7 +228,7 @@ mod tests {
         }
         let l = Layout::of(30);
         let [width, height] = l.size();
-        assert!(width > 1900 && (1100..1700).contains(&height), "{l:?} {width} {height}");
+        assert!(width > 1900 && (1500..1800).contains(&height), "{l:?} {width} {height}");
     }
 
     #[test]
@@ -236,7 +239,7 @@ mod tests {
         let of = |record: &Record| label(&Entry { job: &job, record });
         let open = Form { components: 2, genus: None, closed: false, ..WHOLE };
         let text = of(&record(0.01234, open, WHOLE));
-        assert_eq!(text, ["a_300  0.123", "NC 0.900 HD 0.050 parts 2/1 genus ?/0 OPEN"]);
+        assert_eq!(text, ["a_300  0.1234", "NC 0.900 HD 0.050 parts 2/1 genus ?/0 OPEN"]);
         let mut lone = record(0.0, WHOLE, WHOLE);
         (lone.figures, lone.truth) = (None, None);
         assert_eq!(of(&lone), ["a_300", "parts 1 genus 0"]);
