@@ -1,4 +1,4 @@
-//! Ctrl-C, and the signals to terminate and to hang up: during training they ask for a checkpoint, at any other time
+//! Ctrl-C, and the signals to terminate and to hang up: during training they ask for an orderly end, at any other time
 //! and the second time they end the program.
 
 use std::process;
@@ -17,8 +17,8 @@ const ASKED: u8 = 2;
 pub struct Interrupt(Arc<AtomicU8>);
 
 impl Interrupt {
-    /// Installs the handler; once a process.
-    pub fn install() -> Result<Self, Failure> {
+    /// Installs the handler; once a process. `answer` is what it says the first time.
+    pub fn install(answer: &'static str) -> Result<Self, Failure> {
         let state = Arc::new(AtomicU8::new(IDLE));
         let seen = Arc::clone(&state);
         ctrlc::set_handler(move || {
@@ -27,7 +27,7 @@ impl Interrupt {
                 // temporary file).
                 process::exit(130);
             }
-            say("\nfinishing the step and writing a checkpoint; press Ctrl-C again to end at once");
+            say(&format!("\n{answer}; press Ctrl-C again to end at once"));
         })
         .map_err(|e| Failure::Usage(format!("cannot watch for Ctrl-C ({e})")))?;
         Ok(Interrupt(state))

@@ -21,6 +21,7 @@ mod report;
 mod sample;
 mod sdf;
 mod settings;
+mod suite;
 mod train;
 
 use failure::Failure;
@@ -72,6 +73,8 @@ enum Command {
     Sdf(sdf::SdfArgs),
     /// Compare reconstructed meshes with ground truths
     Evaluate(evaluate::EvaluateArgs),
+    /// Run shapes x settings x seeds and tabulate how good the results are
+    Suite(Box<suite::SuiteArgs>),
     /// Draw random points from a mesh
     Sample(sample::SampleArgs),
     /// Describe a point cloud or a mesh
@@ -114,6 +117,7 @@ fn execute(cli: &Cli) -> Result<(), Failure> {
         Command::Mesh(args) => mesh::run(args, cli.common),
         Command::Sdf(args) => sdf::run(args, cli.common),
         Command::Evaluate(args) => evaluate::run(args, cli.common),
+        Command::Suite(args) => suite::run(args, cli.common),
         Command::Sample(args) => sample::run(args, cli.common),
         Command::Info(args) => info::run(args, cli.common),
         Command::Presets => config::list_presets(),

@@ -89,7 +89,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let began = Instant::now();
     let (config, preset) = args.settings.build()?;
     let places = Places::of(args)?;
-    let interrupt = Interrupt::install()?;
+    let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
     let input = Input::read(&args.input, args.format)?;
     let cloud = input.cloud()?;
     cloud.notices.iter().for_each(|n| common.note(n));

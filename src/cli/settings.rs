@@ -28,7 +28,8 @@ pub struct Settings {
     pub seed: Option<u64>,
 }
 
-fn preset_parser() -> impl TypedValueParser<Value = Preset> {
+/// Parses the name of a preset and lists the names in the help.
+pub fn preset_parser() -> impl TypedValueParser<Value = Preset> {
     PossibleValuesParser::new(Preset::ALL.map(|p| p.name()))
         .map(|name| Preset::ALL.into_iter().find(|p| p.name() == name).expect("a listed name"))
 }
@@ -74,7 +75,8 @@ impl Settings {
     }
 }
 
-fn named_preset(value: &Value) -> Result<Preset, Error> {
+/// The preset of a name in a file.
+pub fn named_preset(value: &Value) -> Result<Preset, Error> {
     let name = value.as_str().unwrap_or_default();
     Preset::ALL.into_iter().find(|p| p.name() == name).ok_or_else(|| {
         let names = Preset::ALL.map(|p| p.name()).join(", ");
@@ -84,7 +86,8 @@ fn named_preset(value: &Value) -> Result<Preset, Error> {
     })
 }
 
-fn parse(text: &str) -> Result<Table, Error> {
+/// Reads TOML, or says in which line it is none.
+pub fn parse(text: &str) -> Result<Table, Error> {
     text.parse::<Table>().map_err(|e| {
         let line = e
             .span()
@@ -99,7 +102,7 @@ fn parse(text: &str) -> Result<Table, Error> {
 }
 
 /// Tables and dotted keys become the dotted keys that [`Config::set`] knows.
-fn flatten(prefix: &str, table: Table, out: &mut Vec<(String, String)>) -> Result<(), Error> {
+pub fn flatten(prefix: &str, table: Table, out: &mut Vec<(String, String)>) -> Result<(), Error> {
     for (key, value) in table {
         let key = if prefix.is_empty() { key } else { format!("{prefix}.{key}") };
         match value {
@@ -117,7 +120,8 @@ fn flatten(prefix: &str, table: Table, out: &mut Vec<(String, String)>) -> Resul
     Ok(())
 }
 
-fn scalar(key: &str, value: &Value) -> Result<String, Error> {
+/// A single value as [`Config::set`] takes it.
+pub fn scalar(key: &str, value: &Value) -> Result<String, Error> {
     match value {
         Value::String(s) => Ok(s.clone()),
         Value::Integer(i) => Ok(i.to_string()),

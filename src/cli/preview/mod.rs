@@ -10,12 +10,15 @@ use bijective_sdf::geometry::{Normalizer, TriangleMesh};
 use clap::{Args, ValueEnum};
 
 mod camera;
+mod font;
+mod image;
 mod raster;
 mod shade;
 
 use super::failure::Failure;
 use super::info::spacing;
 use camera::Camera;
+pub use image::Image;
 use raster::Buffer;
 
 /// Width and height of each of the two panels, in pixels.
@@ -42,6 +45,12 @@ pub struct ViewArgs {
 pub struct Angles {
     around: f64,
     above: f64,
+}
+
+impl Default for Angles {
+    fn default() -> Self {
+        Angles { around: 35.0, above: 28.0 }
+    }
 }
 
 impl FromStr for Angles {
@@ -79,35 +88,13 @@ pub struct View {
 
 impl Default for View {
     fn default() -> Self {
-        View { angles: Angles { around: 35.0, above: 28.0 }, up: Axis::Y }
+        View { angles: Angles::default(), up: Axis::Y }
     }
 }
 
 impl From<&ViewArgs> for View {
     fn from(args: &ViewArgs) -> Self {
-        View { angles: args.view.unwrap_or(View::default().angles), up: args.up }
-    }
-}
-
-/// A picture: rows from the top, red, green, blue.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Image {
-    width: usize,
-    height: usize,
-    rgb: Vec<u8>,
-}
-
-impl Image {
-    /// The bytes of a PNG file.
-    pub fn to_png(&self) -> Vec<u8> {
-        let mut bytes = Vec::new();
-        let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height as u32);
-        encoder.set_color(png::ColorType::Rgb);
-        encoder.set_depth(png::BitDepth::Eight);
-        encoder.set_compression(png::Compression::Balanced);
-        let written = encoder.write_header().and_then(|mut w| w.write_image_data(&self.rgb));
-        written.expect("writing to memory a picture of its own size");
-        bytes
+        View { angles: args.view.unwrap_or_default(), up: args.up }
     }
 }
 
@@ -119,33 +106,64 @@ pub fn render(points: &[[f32; 3]], mesh: &TriangleMesh, view: &View) -> Result<I
 fn draw(points: &[[f32; 3]], mesh: &TriangleMesh, view: &View, panel: usize) -> Result<Image, Failure> {
     let mut all = points.to_vec();
     all.extend_from_slice(&mesh.verts);
-    // In the unit frame, sizes of balls and shadows mean the same for every input.
-    let frame = Normalizer::of(&all)?;
-    let (points, verts) = (frame.forward(points), frame.forward(&mesh.verts));
-    let scene: Vec<[f32; 3]> = points.iter().chain(&verts).copied().collect();
-    let size = panel * SUPER;
-    let camera = Camera::around(&scene, view, size);
+    let scene = Scene::around(&all, view, panel)?;
+    let mut image = Image::plain(2 * panel, panel, [255; 3]);
+    image.paste(&scene.points(points), 0, 0);
+    image.paste(&scene.mesh(mesh), panel, 0);
+    Ok(image)
+}
 
-    let radius = spacing(&points).map_or(0.01, |[_, middle, _]| (0.3 * middle).clamp(0.0025, 0.0105)) as f32;
-    let mut left = Buffer::new(size);
-    for &p in &points {
-        left.ball(&camera, p, radius);
-    }
-    let mut right = Buffer::new(size);
-    let normals = mesh.vertex_normals();
-    for &face in &mesh.faces {
-        let corner = |i: usize| (verts[face[i] as usize], normals[face[i] as usize]);
-        right.triangle(&camera, [corner(0), corner(1), corner(2)]);
+/// A place to look from, for pictures that can be compared.
+pub struct Scene {
+    /// In the unit frame, where sizes of balls and shadows mean the same for every input.
+    frame: Normalizer,
+    camera: Camera,
+    panel: usize,
+}
+
+impl Scene {
+    /// The place that shows all of `extent` (n x 3) in square pictures of `panel` pixels.
+    pub fn around(extent: &[[f32; 3]], view: &View, panel: usize) -> Result<Self, Failure> {
+        let frame = Normalizer::of(extent)?;
+        let camera = Camera::around(&frame.forward(extent), view, panel * SUPER);
+        Ok(Scene { frame, camera, panel })
     }
 
-    let left = shade::resolve(&left, &camera, SUPER);
-    let right = shade::resolve(&right, &camera, SUPER);
-    let mut rgb = Vec::with_capacity(2 * left.len());
-    for (l, r) in left.chunks_exact(3 * panel).zip(right.chunks_exact(3 * panel)) {
-        rgb.extend_from_slice(l);
-        rgb.extend_from_slice(r);
+    /// A picture of points.
+    pub fn points(&self, points: &[[f32; 3]]) -> Image {
+        let points = self.frame.forward(points);
+        let radius =
+            spacing(&points).map_or(0.01, |[_, middle, _]| (0.3 * middle).clamp(0.0025, 0.0105)) as f32;
+        let mut buffer = Buffer::new(self.panel * SUPER);
+        for p in points.into_iter().filter(seen) {
+            buffer.ball(&self.camera, p, radius);
+        }
+        self.resolve(&buffer)
     }
-    Ok(Image { width: 2 * panel, height: panel, rgb })
+
+    /// A picture of a mesh.
+    pub fn mesh(&self, mesh: &TriangleMesh) -> Image {
+        let verts = self.frame.forward(&mesh.verts);
+        let normals = mesh.vertex_normals();
+        let mut buffer = Buffer::new(self.panel * SUPER);
+        for &face in &mesh.faces {
+            let corner = |i: usize| (verts[face[i] as usize], normals[face[i] as usize]);
+            let corners = [corner(0), corner(1), corner(2)];
+            if corners.iter().all(|(p, _)| seen(p)) {
+                buffer.triangle(&self.camera, corners);
+            }
+        }
+        self.resolve(&buffer)
+    }
+
+    fn resolve(&self, buffer: &Buffer) -> Image {
+        Image::new(self.panel, self.panel, shade::resolve(buffer, &self.camera, SUPER))
+    }
+}
+
+/// Whether a place in the unit frame is surely in front of the camera.
+fn seen(p: &[f32; 3]) -> bool {
+    p.iter().all(|x| x.abs() < 1.5)
 }
 
 #[cfg(test)]
@@ -164,8 +182,8 @@ mod tests {
     }
 
     fn pixel(image: &Image, x: usize, y: usize) -> [u8; 3] {
-        let at = 3 * (y * image.width + x);
-        image.rgb[at..at + 3].try_into().unwrap()
+        let at = 3 * (y * image.width() + x);
+        image.rgb()[at..at + 3].try_into().unwrap()
     }
 
     #[test]
@@ -180,7 +198,7 @@ mod tests {
         let inside_out = draw(&points, &mesh, &View::default(), PANEL).unwrap();
         let [r, _, b] = pixel(&inside_out, PANEL + PANEL / 2, PANEL / 2);
         assert!(r > b, "the back is red");
-        assert_eq!(image.rgb[..3 * PANEL], inside_out.rgb[..3 * PANEL]);
+        assert_eq!(image.rgb()[..3 * PANEL], inside_out.rgb()[..3 * PANEL]);
         let drawn = |from: usize| {
             (0..PANEL * PANEL).filter(|i| pixel(&image, from + i % PANEL, i / PANEL)[0] < 220).count() as f64
         };
@@ -197,14 +215,14 @@ mod tests {
         let moved = TriangleMesh { verts: mesh.verts.iter().map(far).collect(), faces: mesh.faces };
         let points: Vec<_> = points.iter().map(far).collect();
         let other = draw(&points, &moved, &View::default(), PANEL).unwrap();
-        let apart = image.rgb.iter().zip(&other.rgb).filter(|(a, b)| a.abs_diff(**b) > 8).count();
-        assert!(apart < image.rgb.len() / 200, "{apart}");
+        let apart = image.rgb().iter().zip(other.rgb()).filter(|(a, b)| a.abs_diff(**b) > 8).count();
+        assert!(apart < image.rgb().len() / 200, "{apart}");
         let png = image.to_png();
         let mut reader = png::Decoder::new(std::io::Cursor::new(png)).read_info().unwrap();
         let mut back = vec![0; reader.output_buffer_size().unwrap()];
         let info = reader.next_frame(&mut back).unwrap();
         assert_eq!((info.width, info.height), (2 * PANEL as u32, PANEL as u32));
-        assert_eq!(back, image.rgb);
+        assert_eq!(back, image.rgb());
     }
 
     #[test]

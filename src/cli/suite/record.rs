@@ -1,0 +1,264 @@
+//! What is kept of a run: one line of JSON.
+
+use bijective_sdf::evaluate::Report;
+use bijective_sdf::geometry::Topology;
+
+use super::super::json::Object;
+use super::super::report::{report_json, topology_json};
+use super::parse::Json;
+use super::plan::{Job, Measure};
+
+/// What a run came to.
+#[derive(Clone, Debug, Default)]
+pub struct Outcome {
+    /// Why it gave no figures, if it did not.
+    pub failure: Option<String>,
+    /// Points of the input.
+    pub points: usize,
+    /// Steps made.
+    pub steps: usize,
+    /// Times that the training went back to an earlier state.
+    pub recoveries: usize,
+    /// Wall time of training and meshing.
+    pub seconds: f64,
+    /// What the mesh is like; it is written if there is one.
+    pub topology: Option<Topology>,
+    /// What the true mesh is like.
+    pub truth: Option<Topology>,
+    /// How far the one is from the other.
+    pub report: Option<Report>,
+}
+
+/// On what a run was made.
+#[derive(Clone, Debug, Default)]
+pub struct Machine {
+    /// Threads of the run.
+    pub threads: usize,
+    /// Runs at the same time.
+    pub jobs: usize,
+    /// The fingerprint of the program.
+    pub build: Option<String>,
+}
+
+/// The line of a run, without its end.
+pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measure) -> String {
+    let topology = |t: &Option<Topology>| t.as_ref().map_or("null".to_string(), topology_json);
+    let optional = |text: Option<&str>| text.map_or("null".to_string(), super::super::json::quoted);
+    let mesh = outcome.topology.as_ref().map(|_| job.mesh_file());
+    let report = outcome.report.as_ref();
+    Object::new()
+        .text("shape", &job.shape.name)
+        .raw("truth", optional(job.shape.truth.as_ref().map(|t| t.0.as_str())))
+        .text("setting", &job.setting.name)
+        .raw("seed", job.seed)
+        .text("status", if outcome.failure.is_none() { "ok" } else { "failed" })
+        .raw("message", optional(outcome.failure.as_deref()))
+        .number("seconds", outcome.seconds)
+        .count("threads", machine.threads)
+        .count("jobs", machine.jobs)
+        .text("version", env!("CARGO_PKG_VERSION"))
+        .raw("build", optional(machine.build.as_deref()))
+        .text("fingerprint", &job.fingerprint)
+        .count("points", outcome.points)
+        .count("steps", outcome.steps)
+        .count("recoveries", outcome.recoveries)
+        .count("resolution", measure.resolution)
+        .raw("mesh", optional(mesh.as_deref()))
+        .raw("report", report.map_or("null".to_string(), |r| report_json(&job.shape.name, r, true)))
+        .raw("result_topology", topology(&outcome.topology))
+        .raw("truth_topology", topology(&outcome.truth))
+        .finish()
+}
+
+/// What the tables need of a topology.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Form {
+    pub components: usize,
+    pub genus: Option<i64>,
+    pub closed: bool,
+    pub oriented: bool,
+}
+
+/// What the tables need of a report.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Figures {
+    pub cd_l1: f64,
+    pub cd_l2: f64,
+    pub nc: Option<f64>,
+    pub hd: f64,
+    /// At the usual threshold.
+    pub f: f64,
+    /// The CD L1 of a perfect prediction.
+    pub floor: Option<f64>,
+}
+
+/// A line, read back.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Record {
+    pub fingerprint: String,
+    /// Why it failed, if it did.
+    pub failure: Option<String>,
+    pub seconds: f64,
+    pub threads: usize,
+    pub build: Option<String>,
+    /// The file of the mesh, below the directory of the results.
+    pub mesh: Option<String>,
+    pub figures: Option<Figures>,
+    pub result: Option<Form>,
+    pub truth: Option<Form>,
+}
+
+impl Record {
+    /// Reads a line, or says what is wrong with it.
+    pub fn read(line: &str) -> Result<Record, String> {
+        let json = Json::parse(line).map_err(|fault| fault.to_string())?;
+        let missing = |key: &str| format!("{key} is missing or of another kind");
+        let text = |key: &str| json.get(key).and_then(Json::text).map(str::to_string);
+        let need = |key: &str| text(key).ok_or_else(|| missing(key));
+        let failure = match need("status")?.as_str() {
+            "ok" => None,
+            "failed" => Some(need("message")?),
+            other => return Err(format!("the status {other:?} is unknown")),
+        };
+        let part = |key: &str| json.get(key);
+        // The fingerprint finds the run; these are for other readers of the file.
+        need("shape")?;
+        need("setting")?;
+        part("seed").and_then(Json::whole::<u64>).ok_or_else(|| missing("seed"))?;
+        Ok(Record {
+            fingerprint: need("fingerprint")?,
+            failure,
+            seconds: part("seconds").and_then(Json::number).ok_or_else(|| missing("seconds"))?,
+            threads: part("threads").and_then(Json::whole).ok_or_else(|| missing("threads"))?,
+            build: text("build"),
+            mesh: text("mesh"),
+            figures: part("report").map(|r| figures(r).ok_or_else(|| missing("report"))).transpose()?,
+            result: part("result_topology")
+                .map(|t| form(t).ok_or_else(|| missing("result_topology")))
+                .transpose()?,
+            truth: part("truth_topology")
+                .map(|t| form(t).ok_or_else(|| missing("truth_topology")))
+                .transpose()?,
+        })
+    }
+}
+
+fn form(json: &Json) -> Option<Form> {
+    Some(Form {
+        components: json.get("components")?.whole()?,
+        genus: json.get("genus").and_then(Json::whole),
+        closed: json.get("closed")?.truth()?,
+        oriented: json.get("oriented")?.truth()?,
+    })
+}
+
+fn figures(report: &Json) -> Option<Figures> {
+    let metrics = report.get("metrics")?;
+    let number = |key: &str| metrics.get(key)?.number();
+    Some(Figures {
+        cd_l1: number("cd_l1")?,
+        cd_l2: number("cd_l2")?,
+        nc: number("nc"),
+        hd: number("hd")?,
+        // At half, once and twice the threshold.
+        f: metrics.get("fscores")?.list()?.get(1)?.get("f")?.number()?,
+        floor: report.get("floor").and_then(|f| f.get("cd_l1")?.number()),
+    })
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::super::plan::tests::{MEASURE, setting};
+    use super::*;
+    use crate::cli::suite::inputs::Shape;
+    use bijective_sdf::evaluate::{GroundTruth, Options, evaluate};
+    use bijective_sdf::geometry::TriangleMesh;
+
+    fn tetrahedron() -> TriangleMesh {
+        TriangleMesh {
+            verts: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        }
+    }
+
+    #[test]
+    fn what_is_written_is_read() {
+        let shape =
+            Shape { name: "a \"b\"".into(), cloud: "a".into(), truth: Some(("a".into(), "b".into())) };
+        let setting = setting("multiple:3");
+        let job = Job { shape: &shape, setting: &setting, seed: u64::MAX, fingerprint: "f00".into() };
+        let mesh = tetrahedron();
+        let options = Options { samples: 200, ..Options::shape() };
+        let report = evaluate(GroundTruth::Mesh(&mesh), &mesh, &options).unwrap();
+        let outcome = Outcome {
+            points: 300,
+            seconds: 1.25,
+            topology: Some(mesh.topology()),
+            truth: Some(mesh.topology()),
+            report: Some(report.clone()),
+            ..Outcome::default()
+        };
+        let machine = Machine { threads: 2, jobs: 1, build: Some("1234".into()) };
+        let text = line(&job, &outcome, &machine, MEASURE);
+        assert!(!text.contains('\n'));
+        let read = Record::read(&text).unwrap();
+        let json = Json::parse(&text).unwrap();
+        assert_eq!(json.get("shape").unwrap().text(), Some("a \"b\""));
+        assert_eq!(json.get("setting").unwrap().text(), Some("multiple:3"));
+        assert_eq!(json.get("seed").unwrap().whole(), Some(u64::MAX));
+        let form = Form { components: 1, genus: Some(0), closed: true, oriented: true };
+        let m = &report.metrics;
+        let figures = Figures {
+            cd_l1: m.cd_l1(),
+            cd_l2: m.cd_l2(),
+            nc: m.nc(),
+            hd: m.hd(),
+            f: m.fscore().f,
+            floor: report.floor.map(|f| f.cd_l1()),
+        };
+        let want = Record {
+            fingerprint: "f00".into(),
+            failure: None,
+            seconds: 1.25,
+            threads: 2,
+            build: Some("1234".into()),
+            mesh: Some(format!("meshes/multiple-3/a \"b\"_s{}.ply", u64::MAX)),
+            figures: Some(figures),
+            result: Some(form),
+            truth: Some(form),
+        };
+        assert_eq!(read, want);
+
+        let failed = Outcome { failure: Some("no\nsurface".into()), ..Outcome::default() };
+        let read = Record::read(&line(&job, &failed, &machine, MEASURE)).unwrap();
+        let want = Record {
+            failure: failed.failure,
+            seconds: 0.0,
+            mesh: None,
+            figures: None,
+            result: None,
+            truth: None,
+            ..want
+        };
+        assert_eq!(read, want);
+    }
+
+    #[test]
+    fn lines_of_another_kind_are_refused() {
+        let good = "{\"fingerprint\":\"f\",\"shape\":\"a\",\"setting\":\"b\",\"seed\":0,\"status\":\"ok\",\
+                    \"seconds\":1,\"threads\":1}";
+        Record::read(good).unwrap();
+        for (from, to) in [
+            ("\"seed\":0", "\"seed\":-1"),
+            ("\"seed\":0", "\"seed\":0.5"),
+            ("\"ok\"", "\"good\""),
+            ("\"ok\"", "\"failed\""),
+            ("\"shape\":\"a\",", ""),
+            ("\"threads\":1", "\"threads\":1,\"report\":{}"),
+            ("\"threads\":1", "\"threads\":1,\"truth_topology\":{\"closed\":true}"),
+            ("}", ""),
+        ] {
+            assert!(Record::read(&good.replace(from, to)).is_err(), "{from} {to}");
+        }
+    }
+}

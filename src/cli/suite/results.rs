@@ -1,0 +1,238 @@
+//! What the runs of a plan came to: means, counts, and what is wrong with which.
+
+use std::collections::HashMap;
+
+use bijective_sdf::evaluate::percentile;
+
+use super::plan::{Job, Plan};
+use super::record::{Figures, Record};
+use super::setting::Setting;
+
+/// A 10 x CD_L1 above this is a failure.
+pub const FAILED_CD: f64 = 0.3;
+
+/// A plan with the records there are.
+#[derive(Clone, Copy, Debug)]
+pub struct Results<'a> {
+    /// All runs.
+    pub plan: &'a Plan<'a>,
+    /// Those made, by fingerprint.
+    pub records: &'a HashMap<String, Record>,
+}
+
+impl<'a> Results<'a> {
+    /// The record of a run.
+    pub fn record(&self, job: &Job<'_>) -> Option<&'a Record> {
+        self.records.get(&job.fingerprint)
+    }
+
+    /// The runs of a setting that there are records of.
+    pub fn made(&self, setting: &Setting) -> Vec<(&'a Job<'a>, &'a Record)> {
+        self.plan.of(setting).filter_map(|job| Some((job, self.record(job)?))).collect()
+    }
+
+    /// All shapes and seeds of a setting together.
+    pub fn summary(&self, setting: &Setting) -> Summary {
+        let planned = self.plan.of(setting).count();
+        Summary::of(self.made(setting).into_iter().map(|(_, record)| record), planned)
+    }
+
+    /// The mean over the seeds of 10 x CD_L1 of a shape.
+    pub fn mean_cd(&self, setting: &Setting, shape: &str) -> Option<f64> {
+        let of_shape = self.made(setting).into_iter().filter(|(job, _)| job.shape.name == shape);
+        mean(of_shape.filter_map(|(_, record)| record.cd()))
+    }
+}
+
+impl Record {
+    /// 10 x CD_L1.
+    pub fn cd(&self) -> Option<f64> {
+        self.figures.map(|f| 10.0 * f.cd_l1)
+    }
+
+    /// Whether there is no result, or one far off.
+    pub fn is_failure(&self) -> bool {
+        self.failure.is_some() || self.cd().is_some_and(|cd| cd > FAILED_CD)
+    }
+
+    /// Whether there is a mesh that is closed and oriented.
+    pub fn is_closed(&self) -> bool {
+        self.result.is_some_and(|r| r.closed && r.oriented)
+    }
+
+    /// What is wrong, worst first; the last may be a genus, which is no fault that counts.
+    pub fn faults(&self) -> Vec<String> {
+        let mut faults = Vec::new();
+        faults.extend(self.failure.clone());
+        faults.extend(self.cd().filter(|&cd| cd > FAILED_CD).map(|cd| format!("10 CD_L1 {cd:.3}")));
+        if let Some(result) = self.result {
+            for (good, what) in [(result.closed, "not closed"), (result.oriented, "not oriented")] {
+                if !good {
+                    faults.push(what.to_string());
+                }
+            }
+            if let Some(truth) = self.truth {
+                if result.components != truth.components {
+                    let plural = if result.components == 1 { "" } else { "s" };
+                    faults.push(format!(
+                        "{} component{plural} instead of {}",
+                        result.components, truth.components
+                    ));
+                }
+                if let (Some(genus), Some(want)) = (result.genus, truth.genus)
+                    && genus != want
+                {
+                    faults.push(format!("genus {genus} instead of {want}"));
+                }
+            }
+        }
+        faults
+    }
+
+    /// Whether a fault other than the genus is there.
+    pub fn is_bad(&self) -> bool {
+        let parts = self.result.zip(self.truth).is_some_and(|(r, t)| r.components != t.components);
+        self.is_failure() || !self.is_closed() || parts
+    }
+}
+
+/// So many of so many.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Share {
+    pub yes: usize,
+    pub all: usize,
+}
+
+/// The runs of a setting together. Means and percentiles are over those that have the figure.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub struct Summary {
+    /// Runs made, of those planned.
+    pub runs: Share,
+    /// 10 x CD_L1: mean, 5th, 50th and 95th percentile.
+    pub cd_l1: [Option<f64>; 4],
+    /// 100 x CD_L2.
+    pub cd_l2: Option<f64>,
+    pub nc: Option<f64>,
+    pub hd: Option<f64>,
+    pub f: Option<f64>,
+    /// 10 x CD_L1 of perfect predictions.
+    pub floor: Option<f64>,
+    /// Closed and oriented, of the runs made.
+    pub closed: Share,
+    /// One component, of the runs whose truth has one.
+    pub single: Share,
+    /// Errors, and 10 x CD_L1 above 0.3.
+    pub failures: usize,
+    /// Wall time of a run: mean and most.
+    pub seconds: [Option<f64>; 2],
+}
+
+impl Summary {
+    fn of<'a>(records: impl Iterator<Item = &'a Record>, planned: usize) -> Summary {
+        let records: Vec<&Record> = records.collect();
+        let figures: Vec<Figures> = records.iter().filter_map(|r| r.figures).collect();
+        let cds: Vec<f64> = records.iter().filter_map(|r| r.cd()).collect();
+        let share = |all: &[&Record], yes: fn(&Record) -> bool| Share {
+            yes: all.iter().filter(|r| yes(r)).count(),
+            all: all.len(),
+        };
+        let one: Vec<&Record> =
+            records.iter().copied().filter(|r| r.truth.is_some_and(|t| t.components == 1)).collect();
+        Summary {
+            runs: Share { yes: records.len(), all: planned },
+            cd_l1: [
+                mean(cds.iter().copied()),
+                percentile(&cds, 5.0),
+                percentile(&cds, 50.0),
+                percentile(&cds, 95.0),
+            ],
+            cd_l2: mean(figures.iter().map(|f| 100.0 * f.cd_l2)),
+            nc: mean(figures.iter().filter_map(|f| f.nc)),
+            hd: mean(figures.iter().map(|f| f.hd)),
+            f: mean(figures.iter().map(|f| f.f)),
+            floor: mean(figures.iter().filter_map(|f| f.floor).map(|x| 10.0 * x)),
+            closed: share(&records, Record::is_closed),
+            single: share(&one, |r| r.result.is_some_and(|r| r.components == 1)),
+            failures: records.iter().filter(|r| r.is_failure()).count(),
+            seconds: [
+                mean(records.iter().map(|r| r.seconds)),
+                records.iter().map(|r| r.seconds).max_by(f64::total_cmp),
+            ],
+        }
+    }
+}
+
+fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
+    let (sum, count) = values.fold((0.0, 0usize), |(sum, count), x| (sum + x, count + 1));
+    (count > 0).then(|| sum / count as f64)
+}
+
+#[cfg(test)]
+pub mod tests {
+    use super::super::record::Form;
+    use super::*;
+
+    pub const WHOLE: Form = Form { components: 1, genus: Some(0), closed: true, oriented: true };
+
+    pub fn record(cd_l1: f64, result: Form, truth: Form) -> Record {
+        Record {
+            fingerprint: String::new(),
+            failure: None,
+            seconds: 2.0,
+            threads: 1,
+            build: None,
+            mesh: None,
+            figures: Some(Figures {
+                cd_l1,
+                cd_l2: 0.0002,
+                nc: Some(0.9),
+                hd: 0.05,
+                f: 0.5,
+                floor: Some(0.001),
+            }),
+            result: Some(result),
+            truth: Some(truth),
+        }
+    }
+
+    #[test]
+    fn faults_are_named_and_counted() {
+        let good = record(0.01, WHOLE, WHOLE);
+        assert!(good.faults().is_empty() && !good.is_bad() && !good.is_failure());
+        let genus = record(0.01, Form { genus: Some(2), ..WHOLE }, WHOLE);
+        assert_eq!(genus.faults(), ["genus 2 instead of 0"]);
+        assert!(!genus.is_bad());
+        let parts = record(0.01, Form { components: 3, ..WHOLE }, WHOLE);
+        assert_eq!(parts.faults(), ["3 components instead of 1"]);
+        assert!(parts.is_bad() && !parts.is_failure());
+        let open = record(0.031, Form { closed: false, oriented: false, genus: None, ..WHOLE }, WHOLE);
+        assert_eq!(open.faults(), ["10 CD_L1 0.310", "not closed", "not oriented"]);
+        assert!(open.is_bad() && open.is_failure());
+        let mut failed = record(0.01, WHOLE, WHOLE);
+        (failed.failure, failed.figures, failed.result) = (Some("no surface".into()), None, None);
+        failed.seconds = 5.0;
+        assert_eq!(failed.faults(), ["no surface"]);
+        assert!(failed.is_bad() && failed.is_failure());
+
+        let two = Form { components: 2, ..WHOLE };
+        let both = record(0.03, two, two);
+        assert!(!both.is_bad());
+        let s = Summary::of([&good, &genus, &parts, &open, &failed, &both].into_iter(), 8);
+        assert_eq!(s.runs, Share { yes: 6, all: 8 });
+        assert_eq!(s.closed, Share { yes: 4, all: 6 });
+        assert_eq!(s.single, Share { yes: 3, all: 5 });
+        assert_eq!(s.failures, 2);
+        let near = |a: Option<f64>, b: f64| assert!((a.unwrap() - b).abs() < 1e-9, "{a:?} {b}");
+        near(s.cd_l1[0], (0.1 + 0.1 + 0.1 + 0.31 + 0.3) / 5.0);
+        near(s.cd_l1[2], 0.1);
+        near(s.cd_l2, 0.02);
+        near(s.nc, 0.9);
+        near(s.floor, 0.01);
+        near(s.seconds[0], 2.5);
+        near(s.seconds[1], 5.0);
+        assert_eq!(
+            Summary::of([].into_iter(), 3),
+            Summary { runs: Share { yes: 0, all: 3 }, ..Summary::default() }
+        );
+    }
+}

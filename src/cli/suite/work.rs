@@ -1,0 +1,365 @@
+//! Making runs, several at a time.
+
+use std::any::Any;
+use std::collections::HashMap;
+use std::fs;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, OnceLock};
+use std::thread;
+use std::time::Instant;
+
+use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, Report, evaluate};
+use bijective_sdf::geometry::{Bounds, Topology, sample_surface};
+use bijective_sdf::io::write_mesh;
+use bijective_sdf::reconstruct::{Reconstruction, Trainer};
+use bijective_sdf::{Error, ErrorKind};
+
+use super::super::failure::Failure;
+use super::super::files::{Content, Input, say};
+use super::super::interrupt::Interrupt;
+use super::super::progress::duration;
+use super::super::sample::{Noise, add_noise};
+use super::fingerprint;
+use super::plan::{Job, Measure};
+use super::record::{Machine, Outcome, Record, line};
+use super::store::Store;
+
+/// Added to a run's seed where the truth is sampled for its input: the comparison samples it with small seeds, and its
+/// samples must not be the input's.
+const INPUT_SEED: u64 = 0x696e_7075_7400_0000;
+
+/// A surface that results are held against.
+pub struct Truth {
+    /// Its mesh or cloud.
+    pub content: Content,
+    /// What the mesh is like.
+    pub topology: Option<Topology>,
+}
+
+impl Truth {
+    /// Reads a truth.
+    pub fn read(path: &Path) -> Result<Truth, Failure> {
+        let content = Input::read(path, None)?.content()?;
+        let topology = match &content {
+            Content::Mesh(mesh) => Some(mesh.topology()),
+            Content::Cloud(_) => None,
+        };
+        Ok(Truth { content, topology })
+    }
+
+    fn ground_truth(&self) -> GroundTruth<'_> {
+        match &self.content {
+            Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
+            Content::Cloud(cloud) => GroundTruth::Cloud { points: &cloud.points, normals: None },
+        }
+    }
+
+    /// What a perfect prediction would score; nothing for a cloud.
+    fn floor(&self, options: &Options) -> Result<Option<Metrics>, Error> {
+        match &self.content {
+            Content::Mesh(mesh) => {
+                Ok(evaluate(self.ground_truth(), mesh, &Options { floor: true, ..*options })?.floor)
+            }
+            Content::Cloud(_) => Ok(None),
+        }
+    }
+}
+
+/// The points that a run starts from.
+pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f32; 3]>, Failure> {
+    let mut points = match job.setting.input.points {
+        None => Input::read(&job.shape.cloud, None)?.cloud()?.points,
+        Some(count) => match truth.map(|t| &t.content) {
+            Some(Content::Mesh(mesh)) => {
+                sample_surface(mesh, count, INPUT_SEED.wrapping_add(job.seed))?.points
+            }
+            _ => {
+                let error = Error::new(ErrorKind::Data, "the truth has no faces to sample points on");
+                return Err(Failure::Input(error));
+            }
+        },
+    };
+    let deviation = match job.setting.input.noise {
+        None => 0.0,
+        Some(Noise::Absolute(x)) => x,
+        // As `sample` does, of the true shape where it is known.
+        Some(Noise::Relative(part)) => match truth.map(|t| &t.content) {
+            Some(Content::Mesh(mesh)) => part * Bounds::of(&mesh.verts)?.longest(),
+            _ => part * Bounds::of(&points)?.longest(),
+        },
+    };
+    add_noise(&mut points, deviation, INPUT_SEED.wrapping_add(job.seed));
+    Ok(points)
+}
+
+/// How to work.
+pub struct Workshop<'a> {
+    /// The directory of all results.
+    pub out: &'a Path,
+    /// What holds for all runs.
+    pub measure: Measure,
+    /// Runs at the same time.
+    pub jobs: usize,
+    /// Threads for all of them together.
+    pub threads: usize,
+    /// Asked before each step.
+    pub interrupt: &'a Interrupt,
+    /// Say nothing.
+    pub quiet: bool,
+}
+
+/// A truth that several runs share, with its floor.
+type Shared = OnceLock<Result<(Truth, Option<Metrics>), String>>;
+
+impl Workshop<'_> {
+    /// Makes the runs and keeps each as soon as it is done. Ends early with an error if one cannot be kept, and without
+    /// if it is asked to. Returns what was made.
+    pub fn make(&self, open: &[&Job<'_>], store: Store) -> Result<HashMap<String, Record>, Failure> {
+        let truths: HashMap<&Path, Shared> = open
+            .iter()
+            .filter_map(|j| j.shape.truth.as_ref())
+            .map(|t| (t.1.as_path(), OnceLock::new()))
+            .collect();
+        // Few runs share all threads.
+        let jobs = self.jobs.min(open.len()).max(1);
+        let machine =
+            Machine { threads: (self.threads / jobs).max(1), jobs, build: fingerprint::of_program() };
+        let shelf = Mutex::new(Shelf { store, made: HashMap::new(), failure: None, began: Instant::now() });
+        let next = AtomicUsize::new(0);
+        thread::scope(|scope| {
+            for _ in 0..jobs {
+                scope.spawn(|| {
+                    let pool = match rayon::ThreadPoolBuilder::new().num_threads(machine.threads).build() {
+                        Ok(pool) => pool,
+                        Err(e) => {
+                            let text = format!("cannot start {} threads ({e})", machine.threads);
+                            return shelf.lock().expect("no panic within").fail(Failure::Usage(text));
+                        }
+                    };
+                    while !self.interrupt.asked() && !shelf.lock().expect("no panic within").failed() {
+                        let Some(job) = open.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
+                        let truth = job.shape.truth.as_ref().map(|t| &truths[t.1.as_path()]);
+                        match pool.install(|| self.run(job, truth)) {
+                            Ok(Some(outcome)) => {
+                                let text = line(job, &outcome, &machine, self.measure);
+                                let mut shelf = shelf.lock().expect("no panic within");
+                                shelf.keep(&text);
+                                if !self.quiet && !shelf.failed() {
+                                    say(&shelf.progress(job, &outcome, open.len()));
+                                }
+                            }
+                            Ok(None) => break,
+                            Err(failure) => shelf.lock().expect("no panic within").fail(failure),
+                        }
+                    }
+                });
+            }
+        });
+        let shelf = shelf.into_inner().expect("no panic within");
+        match shelf.failure {
+            Some(failure) => Err(failure),
+            None => Ok(shelf.made),
+        }
+    }
+
+    /// Makes a run; nothing if it was asked to stop. What goes wrong in the run itself is an outcome, too.
+    fn run(&self, job: &Job<'_>, truth: Option<&Shared>) -> Result<Option<Outcome>, Failure> {
+        let mut outcome = Outcome::default();
+        let tried = catch_unwind(AssertUnwindSafe(|| self.attempt(job, truth, &mut outcome)));
+        match tried {
+            Ok(Ok(())) => {}
+            Ok(Err(Stop::Asked)) => return Ok(None),
+            Ok(Err(Stop::Fatal(failure))) => return Err(failure),
+            Ok(Err(Stop::Failed(text))) => outcome.failure = Some(text),
+            Err(panic) => outcome.failure = Some(format!("panic: {}", message(&*panic))),
+        }
+        Ok(Some(outcome))
+    }
+
+    fn attempt(&self, job: &Job<'_>, truth: Option<&Shared>, outcome: &mut Outcome) -> Result<(), Stop> {
+        let options = Options { samples: self.measure.samples, floor: false, ..Options::shape() };
+        let truth = match (truth, &job.shape.truth) {
+            (Some(shared), Some((_, path))) => {
+                let read = || -> Result<_, Failure> {
+                    let truth = Truth::read(path)?;
+                    let floor = truth.floor(&options)?;
+                    Ok((truth, floor))
+                };
+                let read = shared.get_or_init(|| read().map_err(|failure| text_of(&failure)));
+                Some(read.as_ref().map_err(|text| Stop::Failed(text.clone()))?)
+            }
+            _ => None,
+        };
+        outcome.truth = truth.and_then(|(truth, _)| truth.topology.clone());
+        let points = points_of(job, truth.map(|(truth, _)| truth))?;
+        outcome.points = points.len();
+        let began = Instant::now();
+        let trained = self.train(job, &points, outcome);
+        let mesh = trained.and_then(|field| Ok(field.mesh(self.measure.resolution)?));
+        outcome.seconds = began.elapsed().as_secs_f64();
+        let mesh = mesh?;
+
+        let path = self.out.join(job.mesh_file());
+        if let Some(parent) = path.parent() {
+            fs::create_dir_all(parent).map_err(|e| {
+                let error = Error::new(ErrorKind::Io, "cannot make the directory").in_file(parent);
+                Stop::Fatal(Failure::Output(error.caused_by(e)))
+            })?;
+        }
+        write_mesh(&path, &mesh).map_err(|e| Stop::Fatal(Failure::Output(e)))?;
+        outcome.topology = Some(mesh.topology());
+        if let Some((truth, floor)) = truth {
+            let report = evaluate(truth.ground_truth(), &mesh, &options)?;
+            outcome.report = Some(Report { floor: *floor, ..report });
+        }
+        Ok(())
+    }
+
+    fn train(
+        &self,
+        job: &Job<'_>,
+        points: &[[f32; 3]],
+        outcome: &mut Outcome,
+    ) -> Result<Reconstruction, Stop> {
+        let mut trainer = Trainer::new(points, &job.config())?;
+        while !trainer.is_done() {
+            if self.interrupt.asked() {
+                return Err(Stop::Asked);
+            }
+            trainer.step()?;
+        }
+        outcome.steps = trainer.total_steps();
+        outcome.recoveries = trainer.recoveries();
+        Ok(trainer.finish())
+    }
+}
+
+/// Why a run ended without a result.
+enum Stop {
+    /// The user wants an end.
+    Asked,
+    /// It failed, as another might not.
+    Failed(String),
+    /// No other run could be kept either.
+    Fatal(Failure),
+}
+
+impl From<Error> for Stop {
+    fn from(e: Error) -> Self {
+        Stop::Failed(text_of(&Failure::Library(e)))
+    }
+}
+
+impl From<Failure> for Stop {
+    fn from(failure: Failure) -> Self {
+        Stop::Failed(text_of(&failure))
+    }
+}
+
+/// The failure in one line.
+pub fn text_of(failure: &Failure) -> String {
+    let line = failure.line().unwrap_or_default();
+    line.strip_prefix("error: ").unwrap_or(&line).to_string()
+}
+
+fn message(panic: &(dyn Any + Send)) -> &str {
+    match (panic.downcast_ref::<&str>(), panic.downcast_ref::<String>()) {
+        (Some(text), _) => text,
+        (_, Some(text)) => text,
+        _ => "without a message",
+    }
+}
+
+/// Where finished runs go.
+struct Shelf {
+    store: Store,
+    made: HashMap<String, Record>,
+    /// Why no more runs can be kept.
+    failure: Option<Failure>,
+    began: Instant,
+}
+
+impl Shelf {
+    fn keep(&mut self, line: &str) {
+        let record = Record::read(line).expect("a line of our own");
+        match self.store.append(line) {
+            Ok(()) => {
+                self.made.insert(record.fingerprint.clone(), record);
+            }
+            Err(failure) => self.fail(failure),
+        }
+    }
+
+    fn fail(&mut self, failure: Failure) {
+        self.failure.get_or_insert(failure);
+    }
+
+    fn failed(&self) -> bool {
+        self.failure.is_some()
+    }
+
+    fn progress(&self, job: &Job<'_>, outcome: &Outcome, all: usize) -> String {
+        let done = self.made.len();
+        let result = match (&outcome.failure, &outcome.report, &outcome.topology) {
+            (Some(text), ..) => format!("failed: {text}"),
+            (_, Some(report), _) => format!("10 CD_L1 {:.4}", 10.0 * report.metrics.cd_l1()),
+            (.., topology) => {
+                topology.as_ref().map_or(String::new(), |t| format!("{} components", t.components))
+            }
+        };
+        let left = self.began.elapsed().as_secs_f64() / done.max(1) as f64 * all.saturating_sub(done) as f64;
+        let left = if done < all { format!("; {} left", duration(left)) } else { String::new() };
+        format!(
+            "{done}/{all}  {}  {}  seed {}  {result}  {:.1} s{left}",
+            job.setting.name, job.shape.name, job.seed, outcome.seconds
+        )
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::inputs::Shape;
+    use super::super::plan::tests::setting;
+    use super::*;
+    use bijective_sdf::geometry::TriangleMesh;
+
+    #[test]
+    fn inputs_are_sampled_with_the_seed_of_the_run_and_apart_from_the_comparison() {
+        let mesh = TriangleMesh {
+            verts: vec![[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]],
+            faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        };
+        let truth = Truth { topology: Some(mesh.topology()), content: Content::Mesh(mesh.clone()) };
+        let shape = Shape { name: "a".into(), cloud: "none.xyz".into(), truth: None };
+        let mut many = setting("many");
+        many.input.points = Some(50);
+        let mut noisy = many.clone();
+        noisy.input.noise = Some(Noise::Relative(0.01));
+        let of = |setting, seed| {
+            let job = Job { shape: &shape, setting, seed, fingerprint: String::new() };
+            points_of(&job, Some(&truth)).unwrap()
+        };
+        assert_eq!(of(&many, 1), of(&many, 1));
+        assert_ne!(of(&many, 1), of(&many, 2));
+        for seed in 0..8 {
+            assert_ne!(of(&many, 0), sample_surface(&mesh, 50, seed).unwrap().points);
+        }
+        let (clean, moved) = (of(&many, 1), of(&noisy, 1));
+        let off =
+            clean.as_flattened().iter().zip(moved.as_flattened()).map(|(a, b)| f64::from(a - b).powi(2));
+        let deviation = (off.sum::<f64>() / 150.0).sqrt();
+        assert!((0.03..0.05).contains(&deviation), "{deviation}");
+        let job = Job { shape: &shape, setting: &many, seed: 0, fingerprint: String::new() };
+        assert!(text_of(&points_of(&job, None).unwrap_err()).contains("no faces"));
+    }
+
+    #[test]
+    fn panics_keep_their_message() {
+        let of = |f: fn()| message(&*catch_unwind(f).unwrap_err()).to_string();
+        assert_eq!(of(|| std::panic::panic_any("text")), "text");
+        assert_eq!(of(|| std::panic::panic_any(String::from("text"))), "text");
+        assert_eq!(of(|| std::panic::panic_any(3)), "without a message");
+    }
+}

@@ -1,0 +1,189 @@
+//! `suite` of the built program: two small shapes, run, run again, damaged and run again.
+#![cfg(feature = "cli")]
+
+use std::fs;
+use std::path::Path;
+use std::process::Command;
+
+use bijective_sdf::geometry::{Shape, TriangleMesh};
+use bijective_sdf::io::{read_mesh, write_cloud, write_mesh};
+
+// The tests of the other commands need the rest of it.
+#[allow(dead_code)]
+mod common;
+use common::json::Json;
+use common::{Dir, TINY, err, fails, out, program, run};
+
+/// A closed box with the given sides.
+fn cuboid(size: [f32; 3]) -> TriangleMesh {
+    let verts = (0..8).map(|i| [0, 1, 2].map(|a| ((i >> a & 1) as f32 - 0.5) * size[a])).collect();
+    let quads: [[u32; 4]; 6] =
+        [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
+    let faces = quads.iter().flat_map(|q| [[q[0], q[1], q[2]], [q[0], q[2], q[3]]]).collect();
+    TriangleMesh { verts, faces }
+}
+
+/// Two shapes with truths and one without.
+fn data(dir: &Dir) -> std::path::PathBuf {
+    let data = dir.path("data");
+    for sub in ["in", "gt"] {
+        fs::create_dir_all(data.join(sub)).unwrap();
+    }
+    write_mesh(data.join("gt/cube.ply"), &cuboid([0.8; 3])).unwrap();
+    write_mesh(data.join("gt/cube_long.ply"), &cuboid([0.6, 0.6, 1.0])).unwrap();
+    let clouds = [("cube_60", [0.8; 3]), ("cube_long_60", [0.6, 0.6, 1.0])];
+    for (name, size) in clouds {
+        let path = dir.path("box.ply");
+        write_mesh(&path, &cuboid(size)).unwrap();
+        let cloud = data.join(format!("in/{name}.xyz"));
+        run(program().arg("sample").arg(&path).arg("-o").arg(cloud).args(["-n", "60"]), 0);
+    }
+    write_cloud(data.join("in/ball_60.ply"), &Shape::Sphere { radius: 0.5 }.sample(60, 1).0).unwrap();
+    data
+}
+
+fn suite(data: &Path, to: &Path) -> Command {
+    let mut command = program();
+    command.arg("suite").arg(data).arg("--out").arg(to).args(["--resolution", "20", "--samples", "500"]);
+    TINY.iter().for_each(|option| {
+        command.args(["--set", option]);
+    });
+    command
+}
+
+fn lines(to: &Path) -> Vec<Json> {
+    fs::read_to_string(to.join("runs.jsonl")).unwrap().lines().map(Json::parse).collect()
+}
+
+#[test]
+fn a_suite_is_run_once_and_goes_on_where_it_was_stopped() {
+    let dir = Dir::new("suite");
+    let (data, to) = (data(&dir), dir.path("out"));
+    let file =
+        dir.text("mine.toml", "[few]\nbsp.patch = 4\n[sampled]\npoints = 50\nnoise = \"0.5%\"\n[alike]\n");
+    let mut command = suite(&data, &to);
+    command.args(["--settings"]).arg(&file).args(["--setting", "few", "--setting", "sampled"]);
+    command.args(["--setting", "default", "--setting", "alike", "--setting", "k_8"]);
+    command.args(["--seeds", "3,5", "--jobs", "2", "--threads", "2"]);
+
+    // Nothing is written before there is something to write.
+    let dry = run(command.arg("--dry-run"), 0);
+    assert!(
+        out(&dry).contains("3 shapes, 5 settings") && out(&dry).contains("28 runs, 16 to make"),
+        "{}",
+        out(&dry)
+    );
+    assert!(!to.exists());
+
+    let mut command = suite(&data, &to);
+    command.args(["--settings"]).arg(&file).args(["--setting", "few", "--setting", "sampled"]);
+    command.args(["--setting", "default", "--setting", "alike", "--setting", "k_8"]);
+    command.args(["--seeds", "3,5", "--jobs", "2", "--threads", "2"]);
+    let first = run(&mut command, 0);
+    assert!(err(&first).contains("16/16"), "{}", err(&first));
+    let made = lines(&to);
+    // Three shapes, two of which can be sampled, and two seeds; two settings are the same as another.
+    assert_eq!(made.len(), 2 * (3 + 2 + 3));
+    for line in &made {
+        assert_eq!(line.at("status").text(), "ok", "{line:?}");
+        assert!(line.at("seconds").number() > 0.0 && line.at("threads").number() == 1.0);
+        let mesh = read_mesh(to.join(line.at("mesh").text())).unwrap();
+        assert_eq!(line.at("result_topology").at("faces").number(), mesh.faces.len() as f64);
+        match line.at("shape").text() {
+            "ball_60" => assert_eq!((line.at("truth"), line.at("report")), (&Json::Null, &Json::Null)),
+            name => {
+                assert_eq!(line.at("truth").text(), name.trim_end_matches("_60"));
+                assert!(line.at("report").at("metrics").at("cd_l1").number() > 0.0);
+                assert!(line.at("report").at("floor").at("cd_l1").number() > 0.0);
+                assert_eq!(line.at("truth_topology").at("genus").number(), 0.0);
+            }
+        }
+        let sampled = line.at("setting").text() == "sampled";
+        assert_eq!(line.at("points").number(), if sampled { 50.0 } else { 60.0 });
+    }
+    let table = out(&first);
+    for row in ["| few ", "| sampled ", "| default ", "| alike (= default) ", "| k_8 (= default) "] {
+        assert!(table.contains(row), "{row}: {table}");
+    }
+    let read = |name: &str| fs::read_to_string(to.join(name)).unwrap();
+    assert!(read("table.md").contains(&table) && read("table.tex").contains("\\begin{tabular}"));
+    assert_eq!((read("table.csv").lines().count(), read("shapes.csv").lines().count()), (6, 4));
+    for setting in ["few", "sampled", "default"] {
+        let png = fs::read(to.join(format!("sheet_{setting}.png"))).unwrap();
+        assert_eq!(&png[1..4], b"PNG");
+    }
+    assert!(!to.join("sheet_k_8.png").exists());
+
+    // Again: nothing to do, the same table. Pictures take a while.
+    command.arg("--no-sheets");
+    let before = fs::read(to.join("runs.jsonl")).unwrap();
+    let again = run(&mut command, 0);
+    assert_eq!(out(&again), table);
+    assert!(err(&again).contains("28 runs, 0 to make"), "{}", err(&again));
+    assert_eq!(fs::read(to.join("runs.jsonl")).unwrap(), before);
+
+    // Killed while it wrote the last line: that run only is made again, and comes out the same.
+    fs::write(to.join("runs.jsonl"), &before[..before.len() - 30]).unwrap();
+    let third = run(&mut command, 0);
+    assert!(
+        err(&third).contains("dropped the last line") && err(&third).contains("1 to make"),
+        "{}",
+        err(&third)
+    );
+    let (old, new) = (made.last().unwrap(), lines(&to));
+    assert_eq!(new.len(), made.len());
+    for key in ["fingerprint", "report", "result_topology"] {
+        assert_eq!(new.last().unwrap().at(key), old.at(key));
+    }
+
+    // A changed cloud is another input.
+    run(
+        program()
+            .args(["sample", "-n", "60", "--seed", "9"])
+            .arg(dir.path("box.ply"))
+            .arg("-o")
+            .arg(data.join("in/cube_long_60.xyz")),
+        0,
+    );
+    let changed = run(&mut command, 0);
+    assert!(err(&changed).contains("4 to make"), "{}", err(&changed));
+}
+
+#[test]
+fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
+    let dir = Dir::new("suite-failing");
+    let data = data(&dir);
+    fs::write(data.join("in/flat.xyz"), "0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 4 0\n").unwrap();
+    let (one, two) = (dir.path("one"), dir.path("two"));
+    let args = ["--shapes", "cube,flat", "--no-sheets", "--quiet"];
+    let output = run(suite(&data, &one).args(args).args(["--jobs", "1", "--threads", "2"]), 0);
+    assert!(output.stderr.is_empty(), "{}", err(&output));
+    run(suite(&data, &two).args(args).args(["--jobs", "3", "--threads", "1"]), 0);
+    let by_shape =
+        |to: &Path, shape: &str| lines(to).into_iter().find(|l| l.at("shape").text() == shape).unwrap();
+    let flat = by_shape(&one, "flat");
+    assert_eq!(flat.at("status").text(), "failed");
+    assert!(flat.at("message").text().contains("in one plane") && *flat.at("mesh") == Json::Null);
+    for key in ["fingerprint", "report", "result_topology"] {
+        assert_eq!(by_shape(&one, "cube_60").at(key), by_shape(&two, "cube_60").at(key));
+    }
+    let mesh = |to: &Path| fs::read(to.join("meshes/default/cube_60_s0.ply")).unwrap();
+    assert_eq!(mesh(&one), mesh(&two));
+    let table = fs::read_to_string(one.join("table.md")).unwrap();
+    assert!(table.contains("- **flat**, seed 0: ") && table.contains("in one plane"), "{table}");
+}
+
+#[test]
+fn wrong_wishes_are_refused_before_any_work() {
+    let dir = Dir::new("suite-usage");
+    let (data, to) = (data(&dir), dir.path("out"));
+    fails(suite(&data, &to).args(["--setting", "best"]), 2, &["best", "sparse"]);
+    fails(suite(&data, &to).args(["--set", "field.widht=3"]), 2, &["did you mean"]);
+    fails(suite(&data, &to).args(["--shapes", "dog"]), 2, &["dog"]);
+    fails(suite(&data, &to).args(["--inputs", "dog*"]), 3, &["no point cloud", "dog*"]);
+    fails(&mut suite(&dir.path("none"), &to), 3, &["none"]);
+    run(suite(&data, &to).args(["--seeds", "0"]), 2);
+    fs::create_dir_all(&to).unwrap();
+    fs::write(to.join("runs.jsonl"), "{}\n").unwrap();
+    fails(&mut suite(&data, &to), 3, &["runs.jsonl:1", "remove the line"]);
+}
