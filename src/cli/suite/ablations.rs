@@ -8,6 +8,7 @@
 //! | settings | paper | what changes |
 //! |---|---|---|
 //! | `sparse` | Effect of BSP, Sparse | no S: the surface is drawn to the cloud alone |
+//! | `upsample` | Effect of BSP, Upsample | S is interpolated between neighbours instead of learned; the paper has a trained upsampler (LDI) here |
 //! | `single` | Effect of BSP, Single (as TPS) | one perceptron from the sphere makes S |
 //! | `multiple:N` | Effect of BSP, Multiple (as AtlasNet) | N perceptrons from squares make S; `multiple` takes 20, the paper does not say |
 //! | `f_offset` | Effect of GDO, f_offset | the network predicts the offsets of the grid's vertices |
@@ -63,6 +64,7 @@ const fn shown(name: &'static str, row: &'static str) -> Ablation {
 /// What `--ablations` runs, in the order of the paper.
 pub const ABLATIONS: &[Ablation] = &[
     row("sparse", "Sparse", 0.873, 4.315, 0.814),
+    row("upsample", "Upsample", 0.427, 0.986, 0.830),
     row("single", "Single", 0.083, 0.049, 0.906),
     row("multiple", "Multiple", 0.087, 0.051, 0.901),
     row("f_tps", "f_TPS", 0.094, 0.058, 0.861),
@@ -105,6 +107,7 @@ pub fn changes(name: &str, base: &Config) -> Option<Changes> {
     };
     match name {
         "sparse" => set(&[("parameterization", "none")]),
+        "upsample" => set(&[("parameterization", "upsample")]),
         "single" => set(&[("parameterization", "single")]),
         "multiple" => set(&[("parameterization", &format!("multiple:{MAPS}"))]),
         "f_offset" => set(&[("deformation", "offset")]),

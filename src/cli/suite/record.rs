@@ -64,7 +64,7 @@ pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measur
         .count("recoveries", outcome.recoveries)
         .count("resolution", measure.resolution)
         .raw("mesh", optional(mesh.as_deref()))
-        .raw("report", report.map_or("null".to_string(), |r| report_json(&job.shape.name, r, true)))
+        .raw("report", report.map_or("null".to_string(), |r| report_json(&job.shape.name, r)))
         .raw("result_topology", topology(&outcome.topology))
         .raw("truth_topology", topology(&outcome.truth))
         .finish()
