@@ -22,6 +22,15 @@ impl Symmetric {
         Symmetric { n, data: vec![0.0; n * n] }
     }
 
+    /// The matrix whose columns `fill` writes, each a slice of n; what it writes above the diagonal is not read.
+    pub fn from_columns(n: usize, fill: impl Fn(usize, &mut [f64]) + Sync) -> Self {
+        let mut data = vec![0.0; n * n];
+        if n > 0 {
+            data.par_chunks_mut(n).enumerate().for_each(|(j, column)| fill(j, column));
+        }
+        Symmetric { n, data }
+    }
+
     /// Multiplies the diagonal.
     pub fn scale_diagonal(&mut self, by: f64) {
         self.data.iter_mut().step_by(self.n + 1).for_each(|x| *x *= by);
@@ -64,28 +73,41 @@ impl Symmetric {
         });
     }
 
-    /// The solution x of A x = b (n); `None` if A is not positive definite.
-    pub fn solve(mut self, mut b: Vec<f64>) -> Option<Vec<f64>> {
+    /// Factors A = L L^T in place and returns the inverses of the diagonal blocks of L; `None` if A is not positive
+    /// definite.
+    fn factor(&mut self) -> Option<Vec<DMatrix<f64>>> {
         let n = self.n;
+        let mut inverses = Vec::with_capacity(n.div_ceil(BLOCK));
         for at in (0..n).step_by(BLOCK) {
             let width = BLOCK.min(n - at);
             let inverse = self.factor_diagonal(at, width)?;
             let below = n - at - width;
-            if below == 0 {
-                break;
+            if below > 0 {
+                // L21 = A21 L11^-T, kept in its place and, in one piece, for the rest of the matrix.
+                let under = &mut self.data[at * n + at + width..];
+                let old = DMatrixView::from_slice_with_strides_generic(
+                    &*under,
+                    Dyn(below),
+                    Dyn(width),
+                    Dyn(1),
+                    Dyn(n),
+                );
+                let panel: DMatrix<f64> = old * inverse.transpose();
+                for (j, values) in panel.as_slice().chunks_exact(below).enumerate() {
+                    under[j * n..][..below].copy_from_slice(values);
+                }
+                self.add_product(at + width, -1.0, panel.as_slice());
             }
-            // L21 = A21 L11^-T, kept in its place and, in one piece, for the rest of the matrix.
-            let under = &mut self.data[at * n + at + width..];
-            let (row, column) = (Dyn(1), Dyn(n));
-            let old =
-                DMatrixView::from_slice_with_strides_generic(&*under, Dyn(below), Dyn(width), row, column);
-            let panel: DMatrix<f64> = old * inverse.transpose();
-            for (j, values) in panel.as_slice().chunks_exact(below).enumerate() {
-                under[j * n..][..below].copy_from_slice(values);
-            }
-            self.add_product(at + width, -1.0, panel.as_slice());
+            inverses.push(inverse);
         }
+        Some(inverses)
+    }
+
+    /// The solution x of A x = b (n); `None` if A is not positive definite.
+    pub fn solve(mut self, mut b: Vec<f64>) -> Option<Vec<f64>> {
+        self.factor()?;
         // L y = b, then L^T x = y.
+        let n = self.n;
         for j in 0..n {
             let column = &self.data[j * n..(j + 1) * n];
             b[j] /= column[j];
@@ -98,6 +120,45 @@ impl Symmetric {
             b[j] = (b[j] - known) / column[j];
         }
         b.iter().all(|x| x.is_finite()).then_some(b)
+    }
+
+    /// The inverse, n x n with both triangles; `None` if A is not positive definite.
+    pub fn inverse(mut self) -> Option<DMatrix<f64>> {
+        let n = self.n;
+        let diagonal = self.factor()?;
+        // X = L^-1, one block of columns at a time, from the top: X_r = L_rr^-1 (I_r - sum_(k < r) L_rk X_k). Kept
+        // transposed, for A^-1 = X^T X is then a product as the rest of this file has it.
+        let data = &self.data;
+        let columns: Vec<DMatrix<f64>> = (0..diagonal.len())
+            .into_par_iter()
+            .map(|c| {
+                let (first, width) = (c * BLOCK, diagonal[c].nrows());
+                let mut x = DMatrix::<f64>::zeros(n, width);
+                x.view_mut((first, 0), (width, width)).copy_from(&diagonal[c]);
+                for (r, inverse) in diagonal.iter().enumerate().skip(c + 1) {
+                    let (at, height) = (r * BLOCK, inverse.nrows());
+                    let left = DMatrixView::from_slice_with_strides_generic(
+                        &data[first * n + at..],
+                        Dyn(height),
+                        Dyn(at - first),
+                        Dyn(1),
+                        Dyn(n),
+                    );
+                    let known = left * x.rows(first, at - first);
+                    x.rows_mut(at, height).copy_from(&(inverse * -known));
+                }
+                x
+            })
+            .collect();
+        let mut transposed = DMatrix::<f64>::zeros(n, n);
+        for (c, x) in columns.iter().enumerate() {
+            transposed.rows_mut(c * BLOCK, x.ncols()).copy_from(&x.transpose());
+        }
+        let mut product = Symmetric::zeros(n);
+        product.add_product(0, 1.0, transposed.as_slice());
+        let mut full = DMatrix::from_vec(n, n, product.data);
+        full.fill_upper_triangle_with_lower_triangle();
+        full.iter().all(|x| x.is_finite()).then_some(full)
     }
 
     /// Factors a diagonal block in place, L11 L11^T = A11, and returns the inverse of L11.
@@ -140,12 +201,17 @@ mod tests {
             for i in 0..n {
                 plain[(i, i)] *= 1.5;
             }
+            let (again, whole) = (Symmetric { n, data: system.data.clone() }, plain.clone());
             let b = panel(n, 1, 3);
             let x = DVector::from_vec(system.solve(b.clone()).unwrap());
             let residual = (&plain * &x - DVector::from_vec(b.clone())).amax();
             assert!(n == 0 || residual < 1e-9 * plain.amax(), "n {n}: residual {residual:e}");
             let want = plain.cholesky().unwrap().solve(&DVector::from_vec(b));
             assert!((&x - &want).norm() <= 1e-8 * want.norm(), "n {n}");
+            let inverse = again.inverse().unwrap();
+            let off = (&inverse * &whole - DMatrix::identity(n, n)).amax();
+            assert!(n == 0 || off < 1e-9, "n {n}: the inverse is {off:e} off");
+            assert_eq!(inverse, inverse.transpose());
         }
     }
 
@@ -155,7 +221,9 @@ mod tests {
             let mut system = Symmetric::zeros(n);
             system.data.iter_mut().step_by(n + 1).for_each(|x| *x = 1.0);
             system.data[(n - 1) * (n + 1)] = bad;
+            let again = Symmetric { n, data: system.data.clone() };
             assert!(system.solve(vec![1.0; n]).is_none(), "{n} {bad}");
+            assert!(again.inverse().is_none(), "{n} {bad}");
         }
     }
 

@@ -10,10 +10,12 @@ mod network;
 mod pass;
 mod rows;
 mod start;
+mod thin_plate;
 
 pub use deform::{Deformation, deform};
 pub use faces::sample_faces;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use gauss::GaussField;
 pub use pass::{FieldPass, FieldValues};
-pub use start::{ShapeFit, ShapeFitStep, best_gauss_shape, gauss_shape};
+pub use start::{ShapeFit, ShapeFitStep, best_gauss_shape, gauss_shape, plate_shape};
+pub use thin_plate::ThinPlate;

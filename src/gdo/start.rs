@@ -1,6 +1,7 @@
 //! A shape for the field to start as, and how the field learns it.
 
-use super::{Field, FieldPass, FieldValues, GaussField};
+use super::gauss::spacing;
+use super::{Field, FieldPass, FieldValues, GaussField, ThinPlate};
 use crate::error::Error;
 use crate::geometry::{
     NarrowBandOptions, SurfaceHit, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points,
@@ -108,6 +109,53 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
     Ok(MISFIT_OF_POINTS * to_surface + to_points)
 }
 
+/// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the Gauss formula.
+const TRUST: (f32, f32) = (0.7, 1.2);
+/// Cubes along each side of the grid that the thin plate's surface is taken from.
+const PLATE_RESOLUTION: usize = 64;
+
+/// The surface of least bending through `points` (n x 3, working frame), see [`ThinPlate`], where points are near; the
+/// given `rough` surface elsewhere, so that what leaves the cloud does not go on for ever. Its normals at the points
+/// are the first guess of theirs.
+///
+/// # Errors
+/// [`NoSurface`](crate::ErrorKind::NoSurface) if nothing is enclosed, and as [`ThinPlate::fit`] and
+/// [`TriangleBvh::new`].
+pub fn plate_shape(points: &[[f32; 3]], rough: &TriangleMesh, seed: u64) -> Result<TriangleMesh, Error> {
+    let tree = TriangleBvh::new(rough)?;
+    let normals: Vec<[f32; 3]> =
+        tree.nearest_all(points).iter().map(|hit| tree.face_normal(hit.face)).collect();
+    let plate = ThinPlate::fit(points, &normals, seed)?;
+    let spacing = spacing(points);
+    let grid = TetGrid::working_frame(PLATE_RESOLUTION)?;
+    let mut eval = |x: &[[f32; 3]]| {
+        let mut values = plate.sdf(x);
+        let (nearest, dist_sq) = nearest_points(x, points);
+        let (from, to) = TRUST;
+        values.par_iter_mut().enumerate().for_each(|(i, value)| {
+            let far = dist_sq[i].sqrt() / spacing[nearest[i] as usize] as f32;
+            let share = ((far - from) / (to - from)).clamp(0.0, 1.0);
+            let share = share * share * (3.0 - 2.0 * share);
+            if share > 0.0 {
+                *value = (1.0 - share) * *value + share * signed_distance(&tree, x[i], &tree.nearest(x[i])).0;
+            }
+        });
+        Ok(values)
+    };
+    let options = NarrowBandOptions { seeds: points, ..Default::default() };
+    Ok(extract(&grid, &mut eval, &options)?.keep_large(GAUSS_MIN_PART))
+}
+
+/// The signed distance of x from a mesh, negative inside, and its gradient, by the nearest face.
+fn signed_distance(tree: &TriangleBvh, x: [f32; 3], hit: &SurfaceHit) -> (f32, [f32; 3]) {
+    let away: [f32; 3] = std::array::from_fn(|d| x[d] - hit.point[d]);
+    let normal = tree.face_normal(hit.face);
+    let side = (0..3).map(|d| away[d] * normal[d]).sum::<f32>();
+    let distance = (hit.dist_sq as f32).sqrt() * side.signum();
+    let direction = if distance.abs() > 1e-4 { away.map(|a| a / distance) } else { normal };
+    (distance, direction)
+}
+
 /// The regression of a field to the signed distance of a closed mesh, step by step.
 ///
 /// 20,480 points are drawn near the mesh and in the box around it; a step takes the next 2,048 of them, round and
@@ -199,14 +247,7 @@ impl ShapeFit {
 impl Targets {
     fn at(points: &[[f32; 3]], tree: &TriangleBvh) -> Self {
         let hits = tree.nearest_all(points);
-        let target = |(x, hit): (&[f32; 3], &SurfaceHit)| {
-            let away: [f32; 3] = std::array::from_fn(|d| x[d] - hit.point[d]);
-            let normal = tree.face_normal(hit.face);
-            let side = (0..3).map(|d| away[d] * normal[d]).sum::<f32>();
-            let distance = (hit.dist_sq as f32).sqrt() * side.signum();
-            let direction = if distance.abs() > 1e-4 { away.map(|a| a / distance) } else { normal };
-            (distance, direction)
-        };
+        let target = |(x, hit): (&[f32; 3], &SurfaceHit)| signed_distance(tree, *x, hit);
         let (distances, normals) = points.iter().zip(&hits).map(target).unzip();
         Targets { distances, normals }
     }
