@@ -69,10 +69,11 @@ fn bsp(c: &mut Criterion) {
             sphere: 1.0,
             reach,
             average_positions,
+            sheets: 0.0,
         };
         let points = sphere(n, 0.5, 0.0, 1);
         let bsp = Bsp::new(config, &points, &mut rng(2));
-        let whole = Neighbourhood::whole(&points, &config);
+        let whole = Neighbourhood::whole(&points, None, &config);
         let mut tape = Tape::new();
         c.bench_function(&format!("bsp {n}x10{kind}"), |bench| {
             bench.iter(|| {

@@ -6,6 +6,7 @@ mod canonical;
 mod inverse;
 mod neighbourhood;
 mod patch;
+mod sheets;
 mod surface_map;
 mod upsample;
 
@@ -41,6 +42,10 @@ pub struct BspConfig {
     /// Whether Psi averages the positions of the points it attends to and adds a learned offset, instead of making
     /// positions from nothing.
     pub average_positions: bool,
+    /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals (from
+    /// the field's first shape): sqrt(|p - q|^2 + (sheets s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S from
+    /// bridging sheets that lie close together. 0 for the distance in space, as in the paper.
+    pub sheets: f32,
 }
 
 /// Codes on the sphere, at most.
@@ -123,7 +128,16 @@ mod tests {
     use rand::SeedableRng;
 
     pub(super) fn small(reach: usize, average_positions: bool) -> BspConfig {
-        BspConfig { channels: 8, heads: 2, neighbours: 4, patch: 3, sphere: 1.0, reach, average_positions }
+        BspConfig {
+            channels: 8,
+            heads: 2,
+            neighbours: 4,
+            patch: 3,
+            sphere: 1.0,
+            reach,
+            average_positions,
+            sheets: 1.5,
+        }
     }
 
     #[test]
@@ -132,7 +146,7 @@ mod tests {
         let points = cloud.to_points();
         for (reach, average) in [(0, false), (0, true), (4, false), (4, true)] {
             let bsp = Bsp::new(small(reach, average), &points, &mut ChaCha8Rng::seed_from_u64(2));
-            let whole = Neighbourhood::whole(&points, bsp.config());
+            let whole = Neighbourhood::whole(&points, None, bsp.config());
             let inputs: Vec<Tensor> = bsp.params.values().iter().map(|v| (**v).clone()).collect();
             // The patches' steps hold the codes that they lead away from, which differences must not move.
             let steps = {
@@ -181,7 +195,7 @@ mod tests {
             .iter()
             .map(|&reach| {
                 let bsp = Bsp::new(small(reach, true), &points, &mut ChaCha8Rng::seed_from_u64(2));
-                let mut whole = Neighbourhood::whole(&points, bsp.config());
+                let mut whole = Neighbourhood::whole(&points, None, bsp.config());
                 if reach > 0 {
                     // All seven, though a reach of n is otherwise taken as global.
                     whole.attend_to_all(&points);

@@ -1,6 +1,8 @@
 //! Which points are seen together: the whole cloud, or a compact block of a large one and what is around it.
 
 use super::BspConfig;
+use super::sheets::SheetFinder;
+#[cfg(test)]
 use crate::geometry::KdTree;
 use std::sync::Arc;
 
@@ -18,22 +20,20 @@ pub struct Neighbourhood {
 }
 
 impl Neighbourhood {
-    /// The whole cloud, `points` (n x 3).
+    /// The whole cloud, `points` (n x 3); with unit `normals` (n x 3), neighbours are those on the same sheet first (see
+    /// [`BspConfig::sheets`]).
     ///
     /// # Panics
-    /// If the cloud is empty.
+    /// If the cloud is empty, or there is not one normal a point.
     #[track_caller]
-    pub fn whole(points: &[[f32; 3]], config: &BspConfig) -> Self {
+    pub fn whole(points: &[[f32; 3]], normals: Option<&[[f32; 3]]>, config: &BspConfig) -> Self {
         let n = points.len();
-        let tree = KdTree::new(points);
+        let finder = SheetFinder::new(points, normals, config.sheets);
+        let context: Vec<u32> = (0..n as u32).collect();
         let reach =
-            (config.reach > 0 && config.reach < n).then(|| tree.k_nearest(points, config.reach).into());
-        Neighbourhood {
-            context: (0..n as u32).collect(),
-            centres: n,
-            neighbours: tree.k_nearest(points, config.neighbours.clamp(1, n)).into(),
-            reach,
-        }
+            (config.reach > 0 && config.reach < n).then(|| finder.k_nearest(&context, config.reach).into());
+        let neighbours = finder.k_nearest(&context, config.neighbours.clamp(1, n)).into();
+        Neighbourhood { context, centres: n, neighbours, reach }
     }
 
     /// The whole cloud of n points, for maps that look at no neighbours.
@@ -69,23 +69,33 @@ impl Neighbourhood {
     /// # Panics
     /// If the cloud is empty or `size` is 0.
     #[track_caller]
-    pub fn blocks(points: &[[f32; 3]], config: &BspConfig, size: usize) -> Vec<Self> {
+    pub fn blocks(
+        points: &[[f32; 3]],
+        normals: Option<&[[f32; 3]]>,
+        config: &BspConfig,
+        size: usize,
+    ) -> Vec<Self> {
         assert!(size > 0, "blocks of no centres");
         if points.len() <= size {
-            return vec![Self::whole(points, config)];
+            return vec![Self::whole(points, normals, config)];
         }
-        let tree = KdTree::new(points);
+        let finder = SheetFinder::new(points, normals, config.sheets);
         let mut parts = Vec::new();
         split((0..points.len() as u32).collect(), points, size, &mut parts);
-        parts.into_iter().map(|centres| Self::block(points, &tree, centres, config)).collect()
+        parts.into_iter().map(|centres| Self::block(points, normals, &finder, centres, config)).collect()
     }
 
-    fn block(points: &[[f32; 3]], tree: &KdTree, centres: Vec<u32>, config: &BspConfig) -> Self {
+    fn block(
+        points: &[[f32; 3]],
+        normals: Option<&[[f32; 3]]>,
+        finder: &SheetFinder<'_>,
+        centres: Vec<u32>,
+        config: &BspConfig,
+    ) -> Self {
         let n = points.len();
         let (reach, k) = (config.reach.min(n), config.neighbours.clamp(1, n));
         let around = reach.max(k);
-        let places: Vec<[f32; 3]> = centres.iter().map(|&i| points[i as usize]).collect();
-        let near = tree.k_nearest(&places, around);
+        let near = finder.k_nearest(&centres, around);
         let mut row = vec![u32::MAX; n];
         let b = centres.len();
         let mut context = centres;
@@ -98,8 +108,13 @@ impl Neighbourhood {
                 context.push(point);
             }
         }
-        let places: Vec<[f32; 3]> = context.iter().map(|&i| points[i as usize]).collect();
-        let neighbours = KdTree::new(&places).k_nearest(&places, k).into();
+        let pick = |all: &[[f32; 3]]| context.iter().map(|&i| all[i as usize]).collect::<Vec<_>>();
+        let (places, normals) = (pick(points), normals.map(pick));
+        let others: Vec<u32> = (b as u32..context.len() as u32).collect();
+        let within = SheetFinder::new(&places, normals.as_deref(), config.sheets);
+        let of_centres = near.chunks_exact(around).flat_map(|near| &near[..k]);
+        let neighbours =
+            of_centres.map(|&point| row[point as usize]).chain(within.k_nearest(&others, k)).collect();
         let reach = (reach > 0).then(|| {
             let nearest = near.chunks_exact(around).flat_map(|near| &near[..reach]);
             nearest.map(|&point| row[point as usize]).collect()
@@ -164,7 +179,7 @@ mod tests {
             let points = normal(&[n, 3], n as u64).to_points();
             let tree = KdTree::new(&points);
             for size in [3, 16, 200] {
-                let blocks = Neighbourhood::blocks(&points, &config, size);
+                let blocks = Neighbourhood::blocks(&points, None, &config, size);
                 let mut all: Vec<u32> = blocks.iter().flat_map(|b| b.centres().to_vec()).collect();
                 all.sort_unstable();
                 assert!(all.into_iter().eq(0..n as u32));

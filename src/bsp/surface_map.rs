@@ -82,14 +82,20 @@ impl SurfaceMap {
         }
     }
 
-    /// The parts that S is made in, for at most `size` centres each; a global map is made in one.
+    /// The parts that S is made in, for at most `size` centres each; a global map is made in one. `normals` (n x 3) tell
+    /// the sheets of the surface apart, for maps that look at neighbours.
     ///
     /// # Panics
-    /// If the cloud is empty or `size` is 0.
+    /// If the cloud is empty, `size` is 0, or there is not one normal a point.
     #[track_caller]
-    pub fn blocks(&self, points: &[[f32; 3]], size: usize) -> Vec<Neighbourhood> {
+    pub fn blocks(
+        &self,
+        points: &[[f32; 3]],
+        normals: Option<&[[f32; 3]]>,
+        size: usize,
+    ) -> Vec<Neighbourhood> {
         match self {
-            SurfaceMap::Bsp(bsp) => Neighbourhood::blocks(points, bsp.config(), size),
+            SurfaceMap::Bsp(bsp) => Neighbourhood::blocks(points, normals, bsp.config(), size),
             SurfaceMap::Atlas(_) => vec![Neighbourhood::without_neighbours(points.len())],
             SurfaceMap::Upsample(_) => Neighbourhood::bare_blocks(points, size),
         }
@@ -181,8 +187,8 @@ mod tests {
         let config = BspConfig { neighbours: 4, reach: 21, ..super::super::tests::small(21, true) };
         let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
             .unwrap();
-        let whole = map.surface(&points, &map.blocks(&points, 100));
-        let blocks = map.blocks(&points, 6);
+        let whole = map.surface(&points, &map.blocks(&points, None, 100));
+        let blocks = map.blocks(&points, None, 6);
         assert!(blocks.len() > 3);
         for (a, b) in whole.iter().zip(map.surface(&points, &blocks)) {
             assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-4), "{a:?} {b:?}");
@@ -197,9 +203,9 @@ mod tests {
             SurfaceMap::new(Parameterization::Upsample, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
                 .unwrap();
         assert!(map.params().is_empty());
-        let blocks = map.blocks(&points, 6);
+        let blocks = map.blocks(&points, None, 6);
         assert!(blocks.len() > 6);
-        assert_eq!(map.surface(&points, &blocks), map.surface(&points, &map.blocks(&points, 40)));
+        assert_eq!(map.surface(&points, &blocks), map.surface(&points, &map.blocks(&points, None, 40)));
         let surface = map.surface(&points, &blocks);
         assert_eq!(surface[map.rows_of(7)], surface[21..24]);
     }
@@ -215,7 +221,7 @@ mod tests {
         ] {
             let config = super::super::tests::small(4, true);
             let map = SurfaceMap::new(kind, config, &points, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
-            let surface = map.surface(&points, &map.blocks(&points, 4));
+            let surface = map.surface(&points, &map.blocks(&points, None, 4));
             assert_eq!((surface.len(), map.surface_len(9)), (want, want));
             assert!(surface.iter().flatten().all(|x| x.is_finite()));
         }

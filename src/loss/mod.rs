@@ -4,7 +4,9 @@ mod chamfer;
 mod laplacian;
 mod pull;
 mod surface;
+mod surface_distance;
 
 pub use chamfer::Direction;
 pub use pull::pull;
 pub use surface::{eikonal, mean_abs};
+pub use surface_distance::surface_distance;

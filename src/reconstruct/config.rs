@@ -13,12 +13,16 @@ pub enum StartShape {
     Sphere,
     /// The surface that the parametric Gauss formula finds among the points (Lin et al. 2022), fitted by regression.
     Gauss,
+    /// The surface of least bending through the points (after Huang et al. 2019), its normals first guessed by the
+    /// Gauss formula, whose surface it takes over where no point is near. For clouds of more than 1,024 points it is
+    /// that of the Gauss formula.
+    Plate,
 }
 
 /// How the field gets its first shape. Only `shape` matters for a sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Start {
-    /// Which shape. Default `gauss`; the paper does not say, its code starts from a sphere.
+    /// Which shape. Default `plate`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
     /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings; 0 takes of 0.25,
     /// 0.5 and 1 the one whose surface fits the points best. Default 0.5.
@@ -116,6 +120,8 @@ pub struct Config {
     pub bsp: BspConfig,
     /// Steps on L_para alone before the training. Default 100; the paper has none.
     pub bsp_pretrain: usize,
+    /// Whether S covers the field's first shape in the pretraining, and not the points alone. Default true.
+    pub bsp_pretrain_on_shape: bool,
     /// Steps between two trainings of the parameterization during the training; 0 freezes it after its pretraining
     /// (the paper's ablation without L_deform for BSP). Default 2, paper 1.
     pub bsp_every: usize,
@@ -133,8 +139,9 @@ pub struct Config {
     pub band: Band,
     /// Parts of a large cloud in a step.
     pub batch: Batch,
-    /// Samples on the faces of the extracted surface that stand for it in the losses; 0 takes its vertices. Default
-    /// 8,000, which lie more evenly than the vertices of a grid as fine as a preset's; paper 0.
+    /// Samples on the faces of the extracted surface that stand for it where distances start from it; distances to it
+    /// are then to its faces. 0 takes its vertices for both. Default 8,000, which lie more evenly than the vertices of a
+    /// grid as fine as a preset's; paper 0.
     pub surface_samples: usize,
     /// Learning rate of the field. Default 5e-4 after a warm-up of 20 steps, then a cosine.
     pub field_rate: Schedule,
@@ -222,6 +229,7 @@ impl Config {
         within("bsp.patch", b.patch, 1, 256)?;
         within("bsp.reach", b.reach, 0, 4096)?;
         positive("bsp.sphere", b.sphere, 100.0)?;
+        check("bsp.sheets", (0.0..=100.0).contains(&b.sheets), b.sheets, "use a number from 0 to 100")?;
         if let Parameterization::Multiple { maps } = self.parameterization {
             within("parameterization", maps, 2, 256)?;
         }

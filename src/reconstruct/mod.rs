@@ -11,6 +11,7 @@ mod band;
 #[cfg(feature = "checkpoint")]
 mod checkpoint;
 mod config;
+mod first_shape;
 mod model;
 mod objective;
 mod options;

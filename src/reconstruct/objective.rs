@@ -3,7 +3,8 @@
 use super::{Config, Target};
 use crate::autodiff::{Tape, Var};
 use crate::gdo::FieldVars;
-use crate::loss::{Direction, eikonal, mean_abs, pull};
+use crate::geometry::TriangleBvh;
+use crate::loss::{Direction, eikonal, mean_abs, pull, surface_distance};
 
 /// What the terms are taken on.
 pub(super) struct Scene<'a> {
@@ -21,8 +22,10 @@ pub(super) struct Scene<'a> {
     pub moved: Var,
     /// Vertices of the extracted surface.
     pub crossings: Var,
-    /// What stands for the extracted surface: its vertices or samples on its faces.
+    /// What stands for the extracted surface where distances start from it: its vertices or samples on its faces.
     pub drawn: Var,
+    /// Its faces, where distances to it are not to its vertices.
+    pub tree: Option<TriangleBvh>,
     /// The seen part of the cloud Q.
     pub cloud: Var,
     /// The seen part of S, if there is one.
@@ -61,13 +64,27 @@ pub(super) fn add_terms(tape: &mut Tape, config: &Config, progress: f32, scene: 
     let mut sum = Sum { tape, loss: None };
     let terms = Terms {
         para: sum.add(w.para, |_| scene.para),
-        deform: sum.add(deform, |t| Some(t.chamfer(scene.drawn, target, Direction::BOTH))),
+        deform: sum.add(deform, |t| {
+            Some(match &scene.tree {
+                None => t.chamfer(scene.drawn, target, Direction::BOTH),
+                Some(tree) => {
+                    let there = t.chamfer(scene.drawn, target, Direction::FORWARD);
+                    let back = surface_distance(t, scene.crossings, scene.faces, tree, target);
+                    t.add(there, back)
+                }
+            })
+        }),
         surf: sum.add(w.surf, |t| Some(mean_abs(t, scene.field.sdf))),
         eikonal: sum.add(w.eikonal, |t| Some(eikonal(t, scene.gradient))),
         laplacian: sum.add(w.laplacian, |t| Some(t.laplacian(scene.crossings, scene.faces))),
         points: sum.add(w.points, |t| scene.cloud_sdf.map(|sdf| mean_abs(t, sdf))),
         pull: sum.add(w.pull, |t| Some(pull(t, scene.verts, scene.moved, target))),
-        cover: sum.add(w.cover, |t| Some(t.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD))),
+        cover: sum.add(w.cover, |t| {
+            Some(match &scene.tree {
+                None => t.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
+                Some(tree) => surface_distance(t, scene.crossings, scene.faces, tree, scene.cloud),
+            })
+        }),
     };
     (sum.loss.expect("validated: some term has a weight"), terms)
 }

@@ -50,7 +50,9 @@ const ENTRIES: &[Entry] = entries! {
     "bsp.sphere" => bsp.sphere;
     "bsp.reach" => bsp.reach;
     "bsp.average_positions" => bsp.average_positions;
+    "bsp.sheets" => bsp.sheets;
     "bsp.pretrain" => bsp_pretrain;
+    "bsp.pretrain_on_shape" => bsp_pretrain_on_shape;
     "bsp.every" => bsp_every;
     "start.shape" => start.shape;
     "start.width" => start.width;
@@ -173,7 +175,8 @@ macro_rules! names {
     };
 }
 
-names!(StartShape, "sphere or gauss", "sphere" => StartShape::Sphere, "gauss" => StartShape::Gauss);
+names!(StartShape, "sphere, gauss or plate",
+    "sphere" => StartShape::Sphere, "gauss" => StartShape::Gauss, "plate" => StartShape::Plate);
 names!(Target, "surface or surface-and-cloud",
     "surface" => Target::Surface, "surface-and-cloud" => Target::SurfaceAndCloud);
 names!(Deformation, "projection, tanh, offset or none",

@@ -1,19 +1,17 @@
 //! The phases of a run, and the steps of those before the training proper.
 //!
-//! The field learns the shape that the parametric Gauss formula finds among the points; then the parameterization is
-//! trained alone. Both are quick against the training, and counted, reported, saved and taken back like it.
+//! The field learns the first shape that is found among the points; then the parameterization is trained alone, to
+//! cover it. Both are quick against the training, and counted, reported, saved and taken back like it.
 
+use super::first_shape::{FirstShape, shape_term};
 use super::step::{check_gradients, check_near, diverged, forward_map, para_term};
 use super::trainer::untrained;
 use super::{StepReport, Trainer};
 use crate::error::Error;
-use crate::gdo::{ShapeFit, best_gauss_shape};
 use crate::optim::{Schedule, gradient_norm};
 use std::fmt;
 use std::time::Instant;
 
-/// Widths that are tried where `start.width` is 0.
-const WIDTHS: [f32; 3] = [0.25, 0.5, 1.0];
 /// Steps between two states that are kept to fall back to.
 const KEEP_EVERY: usize = 20;
 
@@ -63,23 +61,21 @@ impl Trainer {
         }
     }
 
-    /// Finds the field's first shape, unless it is there or no longer needed.
+    /// Finds the first shape and, with the normals that it gives the cloud, the parts in which S is made.
     pub(super) fn find_shape(&mut self) -> Result<(), Error> {
-        if self.phase() == Phase::Start && self.shape.is_none() {
-            let start = self.config.start;
-            let widths = if start.width > 0.0 { &[start.width][..] } else { &WIDTHS };
-            let mesh = best_gauss_shape(&self.cloud, widths, start.regularity, self.config.seed)?;
-            self.shape = Some(ShapeFit::new(&mesh, self.config.seed)?);
-        }
+        let samples = self.map.as_ref().map_or(0, |m| m.surface_len(self.cloud.len()));
+        self.shape = FirstShape::find(&self.cloud, &self.config, samples)?;
+        let normals = self.shape.as_ref().map(|s| &s.normals[..]);
+        let size = self.config.batch.centres;
+        self.blocks = self.map.as_ref().map_or_else(Vec::new, |m| m.blocks(&self.cloud, normals, size));
         Ok(())
     }
 
     /// One step of the regression. On an error the parameters are as before it.
     pub(super) fn try_start(&mut self) -> Result<StepReport, Error> {
         let began = Instant::now();
-        self.find_shape()?;
-        let shape = self.shape.as_mut().expect("found above");
-        let fit = shape.step(&self.field, &mut self.work.pass, self.step);
+        let shape = self.shape.as_mut().expect("the phase has no steps without a shape");
+        let fit = shape.fit.step(&self.field, &mut self.work.pass, self.step);
         let gradient_norm = gradient_norm(&fit.gradients);
         if !fit.loss.is_finite() {
             return Err(diverged("the field is not finite while it learns its first shape"));
@@ -106,7 +102,13 @@ impl Trainer {
         tape.clear();
         let p = map.params().bind(tape, true);
         let (surface, context) = forward_map(tape, map, &p, &self.cloud, block)?;
-        let para = para_term(tape, surface, context, block);
+        let para = match &self.shape {
+            Some(shape) if self.config.bsp_pretrain_on_shape => {
+                let around = shape.around(block);
+                shape_term(tape, surface, context, block, &around)
+            }
+            _ => para_term(tape, surface, context, block),
+        };
         let loss = tape.value(para).item();
         let gradients = p.collect(&mut tape.backward(para));
         // Parameters that the tape holds would be copied.
@@ -130,9 +132,8 @@ impl Trainer {
 
     /// What comes before the first step of the training proper; doing it again changes nothing.
     pub(super) fn begin_training(&mut self) -> Result<(), Error> {
-        // The moments of the regression say nothing about the losses to come, and its samples have done their work.
+        // The moments of the regression say nothing about the losses to come.
         self.field_adam = untrained(self.field.params());
-        self.shape = None;
         if let Some(map) = &self.map {
             let surface = map.surface(&self.cloud, &self.blocks);
             check_near("the parameterized surface", surface.as_flattened())?;

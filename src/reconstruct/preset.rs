@@ -17,7 +17,7 @@ pub enum Preset {
     Fast,
     /// For a few hundred points in about half a minute; departs from the paper where that measured better (README).
     Default,
-    /// A wider field on a finer grid.
+    /// A finer grid for longer, and more samples on it.
     Fine,
 }
 
@@ -85,7 +85,7 @@ fn paper() -> Config {
             skip: None,
             radius: 0.35,
         },
-        bsp: BspConfig { channels: 128, reach: 0, average_positions: false, ..default().bsp },
+        bsp: BspConfig { channels: 128, reach: 0, average_positions: false, sheets: 0.0, ..default().bsp },
         bsp_pretrain: 0,
         bsp_every: 1,
         start: Start { shape: StartShape::Sphere, ..default().start },
@@ -102,6 +102,7 @@ fn paper() -> Config {
 
 fn fast() -> Config {
     Config {
+        field: FieldConfig { width: 64, ..default().field },
         bsp_pretrain: 30,
         bsp_every: 6,
         start: Start { steps: 200, ..default().start },
@@ -116,7 +117,7 @@ fn default() -> Config {
         seed: 0,
         scale_with_points: true,
         field: FieldConfig {
-            width: 64,
+            width: 128,
             depth: 4,
             octaves: 3,
             frequency: 2.0,
@@ -133,10 +134,12 @@ fn default() -> Config {
             sphere: 1.0,
             reach: 12,
             average_positions: true,
+            sheets: 1.5,
         },
         bsp_pretrain: 100,
+        bsp_pretrain_on_shape: true,
         bsp_every: 2,
-        start: Start { shape: StartShape::Gauss, width: 0.5, regularity: 0.05, steps: 400, rate: 2e-3 },
+        start: Start { shape: StartShape::Plate, width: 0.5, regularity: 0.05, steps: 400, rate: 2e-3 },
         target: Target::SurfaceAndCloud,
         deformation: Deformation::Projection,
         weights: Weights {
@@ -163,8 +166,7 @@ fn default() -> Config {
 
 fn fine() -> Config {
     Config {
-        field: FieldConfig { width: 128, ..default().field },
-        stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 300 }],
+        stages: [32, 48, 64].map(|resolution| Stage { resolution, steps: 200 }).to_vec(),
         surface_samples: 16_000,
         ..default()
     }

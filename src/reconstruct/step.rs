@@ -7,6 +7,7 @@ use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{FieldValues, FieldVars, deform, sample_faces};
+use crate::geometry::{TriangleBvh, TriangleMesh};
 use crate::loss::Direction;
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
@@ -213,12 +214,15 @@ impl Trainer {
         let moved = deform(tape, self.config.deformation, verts, &at_verts);
         let crossings = tape.edge_crossing(moved, at_verts.sdf, &iso.edges[..]);
         check_near("the extracted surface", tape.value(crossings).data())?;
-        let drawn = match self.config.surface_samples {
-            0 => crossings,
+        let (drawn, tree) = match self.config.surface_samples {
+            0 => (crossings, None),
             count => {
                 let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
                 rng.set_stream(step as u64 + 1);
-                sample_faces(tape, crossings, &iso.faces, count, &mut rng)
+                let drawn = sample_faces(tape, crossings, &iso.faces, count, &mut rng);
+                let mesh =
+                    TriangleMesh { verts: tape.value(crossings).to_points(), faces: iso.faces.clone() };
+                (drawn, Some(TriangleBvh::new(&mesh)?))
             }
         };
         let cloud = tape.constant(Tensor::from_points(&view.points));
@@ -250,6 +254,7 @@ impl Trainer {
             moved,
             crossings,
             drawn,
+            tree,
             cloud,
             surface: target,
             para,

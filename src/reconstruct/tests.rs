@@ -304,7 +304,8 @@ fn the_threads_do_not_change_a_byte() {
     let mut large = tiny();
     large.batch = Batch { thin: 0.25, points: 50, centres: 30 };
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
-    for config in [tiny(), large, offset] {
+    let samples = Config { surface_samples: 300, ..tiny() };
+    for config in [tiny(), large, offset, samples] {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| bits(&run(&points, &config)))

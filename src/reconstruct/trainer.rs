@@ -1,11 +1,12 @@
 //! Training in progress: what it consists of, how it starts, and how it comes back when a step goes wrong.
 
 use super::band::Workspace;
+use super::first_shape::FirstShape;
 use super::step::StepReport;
 use super::{Config, Phase, Reconstruction};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Deformation, Field, ShapeFit};
+use crate::gdo::{Deformation, Field};
 use crate::geometry::{Normalizer, TetGrid, clean_cloud, thin_cloud};
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
@@ -111,9 +112,9 @@ pub struct Trainer {
     pub(super) map_adam: Option<Adam>,
     /// S as last computed, working frame; empty without a map.
     pub(super) surface: Vec<[f32; 3]>,
-    /// What the field learns in the phase [`Phase::Start`]; found again by the cloud and the options where it is
-    /// missing.
-    pub(super) shape: Option<ShapeFit>,
+    /// What the field and S learn first; none where the field starts as a sphere. It follows from the cloud and the
+    /// options.
+    pub(super) shape: Option<FirstShape>,
     /// Steps done, of all phases.
     pub(super) step: usize,
     /// The last kept state whose loss and gradients were finite; in the training proper that of the last refresh of
@@ -141,14 +142,13 @@ impl Trainer {
         Ok(trainer)
     }
 
-    /// All parts in their initial state, before the start: what a checkpoint is read into.
+    /// All parts in their initial state, before the first shape is found: what a checkpoint is read into.
     pub(super) fn blank(prepared: Prepared) -> Self {
         let Prepared { config, input, normalizer, .. } = prepared;
         let cloud = thinned(normalizer.forward(&input), &config);
         let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
         let field = blank_field(&config, &mut rng);
         let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
-        let blocks = map.as_ref().map_or_else(Vec::new, |m| m.blocks(&cloud, config.batch.centres));
         let field_adam = untrained(field.params());
         let map_adam = map.as_ref().map(|m| untrained(m.params()));
         let surface = vec![[0.0; 3]; map.as_ref().map_or(0, |m| m.surface_len(cloud.len()))];
@@ -167,7 +167,7 @@ impl Trainer {
             normalizer,
             cloud,
             order,
-            blocks,
+            blocks: Vec::new(),
             field,
             field_adam,
             map,

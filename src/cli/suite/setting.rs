@@ -246,7 +246,7 @@ mod tests {
             Wanted { preset: Some(Preset::Fast), set: &set, names: &named, ablations: true, ..wanted() };
         let settings = wanted.build().unwrap();
         let list = names(&settings);
-        assert_eq!(list[..4], ["sparse", "fine", "fast", "single"]);
+        assert_eq!(list[..4], ["sparse", "fine", "fast", "upsample"]);
         assert_eq!(list.len(), 2 + ABLATIONS.len());
         let find = |name: &str| settings.iter().find(|s| s.name == name).unwrap();
         for setting in &settings {

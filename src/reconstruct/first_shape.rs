@@ -1,0 +1,177 @@
+//! What a run begins with: a shape found among the points, for the field to learn and for S to cover.
+
+use super::{Config, StartShape};
+use crate::autodiff::{Tape, Var};
+use crate::bsp::Neighbourhood;
+use crate::error::Error;
+use crate::gdo::{ShapeFit, best_gauss_shape, plate_shape};
+use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
+use crate::loss::Direction;
+use crate::tensor::Tensor;
+
+/// Widths that are tried where `start.width` is 0.
+const WIDTHS: [f32; 3] = [0.25, 0.5, 1.0];
+
+/// Points up to which the surface of least bending is looked for. It has 500 centres; the Gauss formula has more.
+const MOST_PLATE_POINTS: usize = 1024;
+
+/// The shape, in the forms that are asked for.
+pub(super) struct FirstShape {
+    /// The field's regression to it.
+    pub fit: ShapeFit,
+    /// Its outward unit normals at the points of the cloud, n x 3.
+    pub normals: Vec<[f32; 3]>,
+    /// Points on it, m x 3.
+    samples: Vec<[f32; 3]>,
+    /// The point of the cloud nearest to each sample, m.
+    owners: Vec<u32>,
+}
+
+/// The samples of the shape that a block's part of S is to cover.
+pub(super) struct Around {
+    /// Those nearest to a point of the context, those nearest to a centre first.
+    points: Vec<[f32; 3]>,
+    /// How many are nearest to a centre.
+    own: usize,
+}
+
+impl FirstShape {
+    /// The shape for a cloud (n x 3, working frame), with `samples` points on it; `None` if the field starts as a
+    /// sphere, which needs none.
+    ///
+    /// # Errors
+    /// As [`best_gauss_shape`].
+    pub fn find(cloud: &[[f32; 3]], config: &Config, samples: usize) -> Result<Option<Self>, Error> {
+        let start = config.start;
+        if start.shape == StartShape::Sphere {
+            return Ok(None);
+        }
+        let widths = if start.width > 0.0 { &[start.width][..] } else { &WIDTHS };
+        let rough = best_gauss_shape(cloud, widths, start.regularity, config.seed)?;
+        let mesh = match start.shape {
+            // Points that determine no surface of least bending still have the rough one.
+            StartShape::Plate if cloud.len() <= MOST_PLATE_POINTS => {
+                plate_shape(cloud, &rough, config.seed).unwrap_or(rough)
+            }
+            _ => rough,
+        };
+        Self::of(&mesh, cloud, config.seed, samples).map(Some)
+    }
+
+    fn of(mesh: &TriangleMesh, cloud: &[[f32; 3]], seed: u64, samples: usize) -> Result<Self, Error> {
+        let tree = TriangleBvh::new(mesh)?;
+        let normals = tree.nearest_all(cloud).iter().map(|hit| tree.face_normal(hit.face)).collect();
+        let samples = sample_surface(mesh, samples, seed)?.points;
+        let owners = if samples.is_empty() { Vec::new() } else { nearest_points(&samples, cloud).0 };
+        Ok(FirstShape { fit: ShapeFit::new(mesh, seed)?, normals, samples, owners })
+    }
+
+    /// The samples around the points of a block.
+    pub fn around(&self, block: &Neighbourhood) -> Around {
+        let mut role = vec![Role::Outside; self.normals.len()];
+        block.context().iter().for_each(|&i| role[i as usize] = Role::Context);
+        block.centres().iter().for_each(|&i| role[i as usize] = Role::Centre);
+        let of = |wanted: Role| {
+            let chosen = self.samples.iter().zip(&self.owners);
+            chosen.filter(|(_, owner)| role[**owner as usize] == wanted).map(|(p, _)| *p).collect::<Vec<_>>()
+        };
+        let mut points = of(Role::Centre);
+        let own = points.len();
+        points.extend(of(Role::Context));
+        Around { points, own }
+    }
+}
+
+/// What a point of the cloud is to a block.
+#[derive(Clone, Copy, PartialEq)]
+enum Role {
+    Outside,
+    Context,
+    Centre,
+}
+
+/// L_para of a block with the shape beside the cloud: from its part of S (m x 3) to the points and samples around, and
+/// from its centres and their samples to its part of S; `context` is c x 3.
+pub(super) fn shape_term(
+    tape: &mut Tape,
+    surface: Var,
+    context: Var,
+    block: &Neighbourhood,
+    around: &Around,
+) -> Var {
+    let b = block.centres().len();
+    let all = with_samples(tape, context, &around.points);
+    if b == block.context().len() {
+        return tape.chamfer(surface, all, Direction::BOTH);
+    }
+    let centres = tape.slice_rows(context, 0..b);
+    let own = with_samples(tape, centres, &around.points[..around.own]);
+    let out = tape.chamfer(surface, all, Direction::FORWARD);
+    let back = tape.chamfer(surface, own, Direction::BACKWARD);
+    tape.add(out, back)
+}
+
+fn with_samples(tape: &mut Tape, points: Var, samples: &[[f32; 3]]) -> Var {
+    if samples.is_empty() {
+        return points;
+    }
+    let samples = tape.constant(Tensor::from_points(samples));
+    tape.concat_rows([samples, points])
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::bsp::{BspConfig, SurfaceMap};
+    use crate::geometry::{Shape, fibonacci_sphere};
+    use rand::SeedableRng;
+    use rand::rngs::ChaCha8Rng;
+
+    fn sphere(n: usize) -> Vec<[f32; 3]> {
+        fibonacci_sphere(n).into_iter().map(|p| p.map(|x| 0.5 * x)).collect()
+    }
+
+    #[test]
+    fn normals_point_outward_and_samples_lie_on_the_shape() {
+        let cloud = sphere(120);
+        let shape = FirstShape::find(&cloud, &Config::default(), 500).unwrap().unwrap();
+        for (p, n) in cloud.iter().zip(&shape.normals) {
+            let cos: f32 = (0..3).map(|d| 2.0 * p[d] * n[d]).sum();
+            assert!(cos > 0.95, "{p:?} {n:?}");
+        }
+        assert_eq!(shape.samples.len(), 500);
+        for p in &shape.samples {
+            let radius = p.iter().map(|x| x * x).sum::<f32>().sqrt();
+            assert!((radius - 0.5).abs() < 0.02, "radius {radius}");
+        }
+    }
+
+    #[test]
+    fn a_sphere_needs_no_shape() {
+        let mut config = Config::default();
+        config.start.shape = StartShape::Sphere;
+        assert!(FirstShape::find(&sphere(50), &config, 10).unwrap().is_none());
+    }
+
+    #[test]
+    fn the_parts_of_a_large_cloud_share_the_samples() {
+        let (cloud, _) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(200, 1);
+        let config = Config::default();
+        let shape = FirstShape::find(&cloud, &config, 600).unwrap().unwrap();
+        let bsp = BspConfig { channels: 8, heads: 2, ..config.bsp };
+        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let map = SurfaceMap::new(config.parameterization, bsp, &cloud, &mut rng).unwrap();
+        let blocks = map.blocks(&cloud, Some(&shape.normals), 60);
+        assert!(blocks.len() > 2);
+        let around: Vec<Around> = blocks.iter().map(|b| shape.around(b)).collect();
+        // Every sample is one block's own.
+        let mut own: Vec<_> = around.iter().flat_map(|a| a.points[..a.own].to_vec()).collect();
+        let mut all = shape.samples.clone();
+        own.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        all.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        assert_eq!(own, all);
+        assert!(around.iter().all(|a| a.own < a.points.len() && a.points.len() < 600));
+        let whole = shape.around(&map.blocks(&cloud, None, 1000)[0]);
+        assert_eq!((whole.own, whole.points.len()), (600, 600));
+    }
+}
