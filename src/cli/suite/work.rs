@@ -52,7 +52,9 @@ impl Truth {
     fn ground_truth(&self) -> GroundTruth<'_> {
         match &self.content {
             Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
-            Content::Cloud(cloud) => GroundTruth::Cloud { points: &cloud.points, normals: None },
+            Content::Cloud(cloud) => {
+                GroundTruth::Cloud { points: &cloud.points, normals: cloud.normals.as_deref() }
+            }
         }
     }
 
