@@ -34,6 +34,8 @@ pub struct TriangleBvh {
     face: Vec<u32>,
     /// Where each face went in the sorted order.
     place: Vec<u32>,
+    /// What it is built in.
+    order: Vec<Item>,
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -52,38 +54,50 @@ impl TriangleBvh {
     /// # Errors
     /// [`ErrorKind::Data`] if there is no face, or if a face names a missing or non-finite vertex (the face is named).
     pub fn new(mesh: &TriangleMesh) -> Result<Self, Error> {
-        if mesh.faces.is_empty() {
+        let mut tree = Self::over_nothing();
+        tree.rebuild(&mesh.verts, &mesh.faces)?;
+        tree.order = Vec::new();
+        Ok(tree)
+    }
+
+    /// A tree that is to be [rebuilt](Self::rebuild) before it is asked.
+    pub(crate) fn over_nothing() -> Self {
+        let (nodes, corners, face) = Default::default();
+        TriangleBvh { nodes, corners, face, place: Vec::new(), order: Vec::new() }
+    }
+
+    /// Makes it the tree over other faces (f x 3) with vertices v x 3, in the memory it has.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); the tree is as it was then.
+    pub(crate) fn rebuild(&mut self, verts: &[[f32; 3]], faces: &[[u32; 3]]) -> Result<(), Error> {
+        if faces.is_empty() {
             return Err(Error::new(ErrorKind::Data, "a mesh without faces has no surface to measure to"));
         }
-        let mut triangles = Vec::with_capacity(mesh.faces.len());
-        for (f, face) in mesh.faces.iter().enumerate() {
-            let corner = |v: u32| mesh.verts.get(v as usize).filter(|p| p.iter().all(|x| x.is_finite()));
-            let [Some(a), Some(b), Some(c)] = face.map(corner) else {
-                return Err(Error::new(
-                    ErrorKind::Data,
-                    format!("vertices {face:?} are missing or not finite"),
-                )
+        let usable = |&v: &u32| verts.get(v as usize).is_some_and(|p| p.iter().all(|x| x.is_finite()));
+        if let Some((f, face)) = faces.iter().enumerate().find(|(_, face)| !face.iter().all(usable)) {
+            return Err(Error::new(ErrorKind::Data, format!("vertices {face:?} are missing or not finite"))
                 .at_element(format!("face {f}"))
                 .advise("repair the mesh"));
-            };
-            triangles.push([a, b, c].map(|p| p.map(f64::from)));
         }
-        let mut order: Vec<Item> = (0..)
-            .zip(&triangles)
-            .map(|(face, t)| Item {
-                sum: std::array::from_fn(|a| (t[0][a] + t[1][a] + t[2][a]) as f32),
-                face,
-            })
-            .collect();
-        let mut nodes = Vec::with_capacity(triangles.len());
-        build(&mut order, &triangles, 0, &mut nodes);
-        let mut place = vec![0; triangles.len()];
-        for (i, item) in order.iter().enumerate() {
-            place[item.face as usize] = i as u32;
+        let triangle = |face: u32| faces[face as usize].map(|v| verts[v as usize].map(f64::from));
+        self.order.clear();
+        self.order.extend((0..faces.len() as u32).map(|face| {
+            let t = triangle(face);
+            Item { sum: std::array::from_fn(|a| (t[0][a] + t[1][a] + t[2][a]) as f32), face }
+        }));
+        self.nodes.clear();
+        build(&mut self.order, &triangle, 0, &mut self.nodes);
+        self.place.clear();
+        self.place.resize(faces.len(), 0);
+        for (i, item) in self.order.iter().enumerate() {
+            self.place[item.face as usize] = i as u32;
         }
-        let face: Vec<u32> = order.iter().map(|item| item.face).collect();
-        let corners = face.iter().map(|&f| triangles[f as usize]).collect();
-        Ok(TriangleBvh { nodes, corners, face, place })
+        self.face.clear();
+        self.face.extend(self.order.iter().map(|item| item.face));
+        self.corners.clear();
+        self.corners.extend(self.face.iter().map(|&f| triangle(f)));
+        Ok(())
     }
 
     /// The point of the mesh nearest to `q`.
@@ -156,7 +170,7 @@ impl Node {
 }
 
 /// What the tree is sorted by: a face and three times its centre. Small, for it is moved at every level.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 struct Item {
     sum: [f32; 3],
     face: u32,
@@ -164,12 +178,12 @@ struct Item {
 
 /// Appends the tree over `items`, the first of which is number `first` of all, halving at the median of the axis along
 /// which their centres spread most. Which tree it is changes the time of a query, never the answer.
-fn build(items: &mut [Item], triangles: &[[[f64; 3]; 3]], first: u32, nodes: &mut Vec<Node>) {
+fn build(items: &mut [Item], triangle: &impl Fn(u32) -> [[f64; 3]; 3], first: u32, nodes: &mut Vec<Node>) {
     let here = nodes.len();
     let mut node =
         Node { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3], at: first, count: items.len() as u32 };
     if items.len() <= LEAF {
-        for p in items.iter().flat_map(|item| triangles[item.face as usize]) {
+        for p in items.iter().flat_map(|item| triangle(item.face)) {
             node.min = std::array::from_fn(|a| node.min[a].min(p[a]));
             node.max = std::array::from_fn(|a| node.max[a].max(p[a]));
         }
@@ -187,9 +201,9 @@ fn build(items: &mut [Item], triangles: &[[[f64; 3]; 3]], first: u32, nodes: &mu
     items.select_nth_unstable_by(half, |a, b| a.sum[axis].total_cmp(&b.sum[axis]).then(a.face.cmp(&b.face)));
     let (low, high) = items.split_at_mut(half);
     nodes.push(node);
-    build(low, triangles, first, nodes);
+    build(low, triangle, first, nodes);
     let second = nodes.len();
-    build(high, triangles, first + half as u32, nodes);
+    build(high, triangle, first + half as u32, nodes);
     let [a, b] = [nodes[here + 1], nodes[second]];
     nodes[here] = Node {
         min: std::array::from_fn(|i| a.min[i].min(b.min[i])),
@@ -231,6 +245,21 @@ mod tests {
     use crate::geometry::sample_surface;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
+
+    #[test]
+    fn a_tree_can_be_built_again_over_another_mesh() {
+        let (first, second) = (soup(40, 0.2, 1), soup(90, 0.1, 2));
+        let mut tree = TriangleBvh::new(&first).unwrap();
+        tree.rebuild(&second.verts, &second.faces).unwrap();
+        let fresh = TriangleBvh::new(&second).unwrap();
+        let queries = soup(30, 0.5, 3).verts;
+        assert_eq!(tree.nearest_all(&queries), fresh.nearest_all(&queries));
+        assert_eq!(tree.face_normal(7), fresh.face_normal(7));
+        // A bad mesh leaves it alone.
+        assert!(tree.rebuild(&second.verts[..5], &second.faces).is_err());
+        assert!(tree.rebuild(&second.verts, &[]).is_err());
+        assert_eq!(tree.nearest_all(&queries), fresh.nearest_all(&queries));
+    }
 
     fn soup(n: usize, size: f32, seed: u64) -> TriangleMesh {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);

@@ -7,7 +7,7 @@ use super::step::Sampled;
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
 use crate::gdo::FieldPass;
-use crate::geometry::{BandTopology, Isosurface, NarrowBandOptions, TetGrid, active_set};
+use crate::geometry::{BandTopology, Isosurface, NarrowBandOptions, TetGrid, TriangleBvh, active_set};
 
 /// What steps work with and nothing outlives them for.
 #[derive(Default)]
@@ -16,6 +16,8 @@ pub(super) struct Workspace {
     pub pass: FieldPass,
     pub band: Option<Band>,
     pub iso: Isosurface,
+    /// Over the faces of the surface, built anew in each step that asks for it.
+    pub tree: Option<TriangleBvh>,
 }
 
 impl Workspace {

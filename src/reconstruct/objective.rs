@@ -25,7 +25,7 @@ pub(super) struct Scene<'a> {
     /// What stands for the extracted surface where distances start from it: its vertices or samples on its faces.
     pub drawn: Var,
     /// Its faces, where distances to it are not to its vertices.
-    pub tree: Option<TriangleBvh>,
+    pub tree: Option<&'a TriangleBvh>,
     /// The seen part of the cloud Q.
     pub cloud: Var,
     /// The seen part of S, if there is one.
@@ -65,7 +65,7 @@ pub(super) fn add_terms(tape: &mut Tape, config: &Config, progress: f32, scene: 
     let terms = Terms {
         para: sum.add(w.para, |_| scene.para),
         deform: sum.add(deform, |t| {
-            Some(match &scene.tree {
+            Some(match scene.tree {
                 None => t.chamfer(scene.drawn, target, Direction::BOTH),
                 Some(tree) => {
                     let there = t.chamfer(scene.drawn, target, Direction::FORWARD);
@@ -80,7 +80,7 @@ pub(super) fn add_terms(tape: &mut Tape, config: &Config, progress: f32, scene: 
         points: sum.add(w.points, |t| scene.cloud_sdf.map(|sdf| mean_abs(t, sdf))),
         pull: sum.add(w.pull, |t| Some(pull(t, scene.verts, scene.moved, target))),
         cover: sum.add(w.cover, |t| {
-            Some(match &scene.tree {
+            Some(match scene.tree {
                 None => t.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
                 Some(tree) => surface_distance(t, scene.crossings, scene.faces, tree, scene.cloud),
             })

@@ -7,7 +7,7 @@ use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{FieldValues, FieldVars, deform, sample_faces};
-use crate::geometry::{TriangleBvh, TriangleMesh};
+use crate::geometry::TriangleBvh;
 use crate::loss::Direction;
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
@@ -195,7 +195,7 @@ impl Trainer {
     pub(super) fn record(&mut self, sampled: &Sampled, view: &View) -> Result<Recorded, Error> {
         let step = self.train_step();
         let progress = step as f32 / self.config.steps_in(Phase::Train).max(1) as f32;
-        let Workspace { tape, band, iso, .. } = &mut self.work;
+        let Workspace { tape, band, iso, tree, .. } = &mut self.work;
         let band = band.as_ref().expect("refreshed first");
         let v = band.verts.len();
         tape.clear();
@@ -220,9 +220,9 @@ impl Trainer {
                 let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
                 rng.set_stream(step as u64 + 1);
                 let drawn = sample_faces(tape, crossings, &iso.faces, count, &mut rng);
-                let mesh =
-                    TriangleMesh { verts: tape.value(crossings).to_points(), faces: iso.faces.clone() };
-                (drawn, Some(TriangleBvh::new(&mesh)?))
+                let tree = tree.get_or_insert_with(TriangleBvh::over_nothing);
+                tree.rebuild(tape.value(crossings).data().as_chunks().0, &iso.faces)?;
+                (drawn, Some(&*tree))
             }
         };
         let cloud = tape.constant(Tensor::from_points(&view.points));
