@@ -96,13 +96,15 @@ impl Neighbourhood {
         let (reach, k) = (config.reach.min(n), config.neighbours.clamp(1, n));
         let around = reach.max(k);
         let near = finder.k_nearest(&centres, around);
+        // Not always among those: both are chosen from the points in space that are near enough for their number.
+        let own = finder.k_nearest(&centres, k);
         let mut row = vec![u32::MAX; n];
         let b = centres.len();
         let mut context = centres;
         for (i, &point) in context.iter().enumerate() {
             row[point as usize] = i as u32;
         }
-        for &point in &near {
+        for &point in near.iter().chain(&own) {
             if row[point as usize] == u32::MAX {
                 row[point as usize] = context.len() as u32;
                 context.push(point);
@@ -112,9 +114,8 @@ impl Neighbourhood {
         let (places, normals) = (pick(points), normals.map(pick));
         let others: Vec<u32> = (b as u32..context.len() as u32).collect();
         let within = SheetFinder::new(&places, normals.as_deref(), config.sheets);
-        let of_centres = near.chunks_exact(around).flat_map(|near| &near[..k]);
         let neighbours =
-            of_centres.map(|&point| row[point as usize]).chain(within.k_nearest(&others, k)).collect();
+            own.iter().map(|&point| row[point as usize]).chain(within.k_nearest(&others, k)).collect();
         let reach = (reach > 0).then(|| {
             let nearest = near.chunks_exact(around).flat_map(|near| &near[..reach]);
             nearest.map(|&point| row[point as usize]).collect()
@@ -177,9 +178,11 @@ mod tests {
         let config = BspConfig { reach: 6, ..super::super::tests::small(6, true) };
         for n in [1, 2, 7, 40, 133] {
             let points = normal(&[n, 3], n as u64).to_points();
-            let tree = KdTree::new(&points);
-            for size in [3, 16, 200] {
-                let blocks = Neighbourhood::blocks(&points, None, &config, size);
+            let turned = normal(&[n, 3], 7).to_points();
+            for (size, normals) in [3, 16, 200].into_iter().flat_map(|s| [(s, None), (s, Some(&turned[..]))])
+            {
+                let finder = SheetFinder::new(&points, normals, config.sheets);
+                let blocks = Neighbourhood::blocks(&points, normals, &config, size);
                 let mut all: Vec<u32> = blocks.iter().flat_map(|b| b.centres().to_vec()).collect();
                 all.sort_unstable();
                 assert!(all.into_iter().eq(0..n as u32));
@@ -189,12 +192,11 @@ mod tests {
                     let cloud = |rows: &[u32]| -> Vec<u32> {
                         rows.iter().map(|&r| block.context()[r as usize]).collect()
                     };
-                    let places: Vec<[f32; 3]> = block.centres().iter().map(|&i| points[i as usize]).collect();
                     let k = config.neighbours.min(n);
                     // The centres' own neighbours are those in the whole cloud.
-                    assert_eq!(cloud(&block.neighbours[..b * k]), tree.k_nearest(&places, k));
+                    assert_eq!(cloud(&block.neighbours[..b * k]), finder.k_nearest(block.centres(), k));
                     if let Some(reach) = block.reach() {
-                        assert_eq!(cloud(reach), tree.k_nearest(&places, config.reach.min(n)));
+                        assert_eq!(cloud(reach), finder.k_nearest(block.centres(), config.reach.min(n)));
                     }
                 }
             }

@@ -95,7 +95,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(32))]
         #[test]
-        fn is_the_search_over_all_points(n in 1usize..40, k in 1usize..10, turn in 0.0f32..3.0, seed: u64) {
+        fn is_the_plain_ranking_of_the_candidates(n in 1usize..40, k in 1usize..10, turn in 0.0f32..3.0, seed: u64) {
             let k = k.min(n);
             let (points, normals) = (normal(&[n, 3], seed).to_points(), normal(&[n, 3], seed ^ 1).to_points());
             let queries: Vec<u32> = (0..n as u32).rev().collect();

@@ -1,7 +1,6 @@
 //! Samples on the faces of the extracted surface, with gradients to its vertices.
 
 use crate::autodiff::{Tape, Var};
-use crate::tensor::Tensor;
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
@@ -38,13 +37,7 @@ pub fn sample_faces(
             weight.push(w);
         }
     }
-    let [a, b, c] = corners.map(|(index, weight)| {
-        let corner = tape.gather_rows(verts, index);
-        let weight = tape.constant(Tensor::from_vec(&[count, 1], weight));
-        tape.mul(corner, weight)
-    });
-    let ab = tape.add(a, b);
-    tape.add(ab, c)
+    tape.blend_rows(verts, corners)
 }
 
 /// Twice the area of the faces up to and including each.
@@ -65,6 +58,7 @@ fn cumulative_areas(points: &[[f32; 3]], faces: &[[u32; 3]]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::ops::testing::{check, normal};
+    use crate::tensor::Tensor;
     use proptest::prelude::*;
     use rand::SeedableRng;
 

@@ -2,7 +2,6 @@
 
 use crate::autodiff::{Tape, Var};
 use crate::geometry::TriangleBvh;
-use crate::tensor::Tensor;
 
 /// The mean over the m points of the squared distance to the nearest point on the faces of a mesh.
 ///
@@ -34,13 +33,7 @@ pub fn surface_distance(
             weight.push(w);
         }
     }
-    let [a, b, c] = corners.map(|(index, weight)| {
-        let corner = tape.gather_rows(verts, index);
-        let weight = tape.constant(Tensor::from_vec(&[m, 1], weight));
-        tape.mul(corner, weight)
-    });
-    let ab = tape.add(a, b);
-    let nearest = tape.add(ab, c);
+    let nearest = tape.blend_rows(verts, corners);
     let off = tape.sub(points, nearest);
     let off = tape.square(off);
     let off = tape.sum_cols(off);
@@ -76,6 +69,7 @@ mod tests {
     use super::*;
     use crate::geometry::TriangleMesh;
     use crate::ops::testing::{check, normal};
+    use crate::tensor::Tensor;
     use proptest::prelude::*;
 
     fn tree(verts: &Tensor, faces: &[[u32; 3]]) -> TriangleBvh {

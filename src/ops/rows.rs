@@ -79,6 +79,22 @@ impl Tape {
         self.apply(ScatterAddRows { index: index.into(), n }, [x])
     }
 
+    /// Weighted sums of three rows: row i of the result is the sum over the corners of their i-th weight times the row of
+    /// `x` that their i-th index names; n x c to m x c. With barycentric weights, points on triangles of vertices `x`.
+    ///
+    /// # Panics
+    /// If the corners do not have m indices and m weights each, or an index is n or more.
+    #[track_caller]
+    pub fn blend_rows(&mut self, x: Var, corners: [(Vec<u32>, Vec<f32>); 3]) -> Var {
+        let [a, b, c] = corners.map(|(index, weight)| {
+            let corner = self.gather_rows(x, index);
+            let weight = self.constant(Tensor::from_vec(&[weight.len(), 1], weight));
+            self.mul(corner, weight)
+        });
+        let ab = self.add(a, b);
+        self.add(ab, c)
+    }
+
     /// Every row k times in succession: n x c to (n k) x c.
     pub fn repeat_rows(&mut self, x: Var, k: usize) -> Var {
         self.apply(RepeatRows { k }, [x])
@@ -98,6 +114,8 @@ mod tests {
             let x = normal(&[n, c], seed);
             let rows = normal(&[index.len(), c], seed ^ 1);
             check(|t, x| t.gather_rows(x[0], index.clone()), std::slice::from_ref(&x), seed);
+            let corners = [2, 3, 5].map(|s| (index.clone(), normal(&[index.len(), 1], seed ^ s).data().to_vec()));
+            check(|t, x| t.blend_rows(x[0], corners.clone()), std::slice::from_ref(&x), seed);
             check(|t, x| t.scatter_add_rows(x[0], index.clone(), n), &[rows], seed);
             check(|t, x| t.repeat_rows(x[0], k), &[x], seed);
         }
