@@ -167,6 +167,7 @@ pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object 
         .count("total_steps", trained.total)
         .raw("phase", trained.last.map_or("null".to_string(), |r| format!("\"{}\"", r.phase)))
         .text("ended", if trained.timed_out { "time-limit" } else { "done" })
+        .number("noise_removed", trained.noise_removed)
         .raw("losses", losses)
         .raw("mesh", topology_json(topology))
         .flag("closed_and_oriented", passes_gate(topology))

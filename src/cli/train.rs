@@ -31,6 +31,8 @@ pub struct Trained {
     pub steps: usize,
     /// Steps planned.
     pub total: usize,
+    /// How far the points were moved to take their noise off, root of the mean square, in the input's unit.
+    pub noise_removed: f64,
     /// The last step of this run that had all losses.
     pub last: Option<StepReport>,
     /// Whether the time limit ended the training.
@@ -54,6 +56,13 @@ pub fn train(
     let mut progress = Progress::new(&trainer, plan.quiet);
     if let Some(path) = &plan.resume {
         progress.note(&format!("going on after step {} of {}", trainer.steps_done(), path.display()));
+    }
+    let noise_removed = trainer.noise_removed();
+    if noise_removed > 0.0 {
+        progress.note(&format!(
+            "the points scatter about a smooth surface and were moved onto it, by {noise_removed:.2e} on average (root \
+             of the mean square); --set denoise=false leaves them"
+        ));
     }
     if let Some(interrupt) = interrupt {
         interrupt.begin();
@@ -91,7 +100,15 @@ pub fn train(
         trainer.save_checkpoint(path).map_err(Failure::Output)?;
     }
     let field = trainer.finish();
-    Ok(Trained { field, steps, total, last, timed_out, seconds: began.elapsed().as_secs_f64() })
+    Ok(Trained {
+        field,
+        steps,
+        total,
+        noise_removed,
+        last,
+        timed_out,
+        seconds: began.elapsed().as_secs_f64(),
+    })
 }
 
 fn interrupted(trainer: &Trainer, plan: &Plan) -> Result<Failure, Failure> {

@@ -17,7 +17,7 @@ use nalgebra::{DMatrix, DMatrixView, DVector, Matrix4};
 use rayon::prelude::*;
 
 /// Centres at most; larger clouds are thinned to evenly spread points, for the system of 4 n unknowns costs O(n^3).
-const MAX_CENTRES: usize = 500;
+pub(super) const MAX_CENTRES: usize = 500;
 /// Added to the cubes of distances on the diagonal, so that points very close together leave the system solvable; the
 /// points may be missed a little for it (1e-5 of the longest side where 300 points are spread evenly).
 const SLACK: f64 = 1e-6;
@@ -47,24 +47,52 @@ impl ThinPlate {
     /// If there is not one normal a point.
     #[track_caller]
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], seed: u64) -> Result<Self, Error> {
-        Self::fit_thinned(points, normals, seed, MAX_CENTRES)
+        let mut each = Self::fit_each(points, &[normals], seed)?;
+        Ok(each.pop().expect("one guess, one function"))
     }
 
-    fn fit_thinned(points: &[[f32; 3]], normals: &[[f32; 3]], seed: u64, most: usize) -> Result<Self, Error> {
-        let (n, m) = (points.len(), normals.len());
-        assert!(n == m, "ThinPlate::fit: {n} points, {m} normals");
-        if n > most {
-            let chosen = farthest_point_sample(points, most, seed);
-            let pick = |all: &[[f32; 3]]| chosen.iter().map(|&i| all[i as usize]).collect::<Vec<_>>();
-            return Self::fit_thinned(&pick(points), &pick(normals), seed, most);
+    /// As [`fit`](Self::fit) from each of several guesses of the normals: the minimum of the bending that a search ends
+    /// in depends on where it starts. What the guesses share is computed once.
+    ///
+    /// # Errors
+    /// As [`fit`](Self::fit).
+    ///
+    /// # Panics
+    /// If a guess does not have one normal a point.
+    #[track_caller]
+    pub fn fit_each<N: AsRef<[[f32; 3]]> + Sync>(
+        points: &[[f32; 3]],
+        guesses: &[N],
+        seed: u64,
+    ) -> Result<Vec<Self>, Error> {
+        Self::fit_thinned(points, guesses, seed, MAX_CENTRES)
+    }
+
+    #[track_caller]
+    fn fit_thinned<N: AsRef<[[f32; 3]]> + Sync>(
+        points: &[[f32; 3]],
+        guesses: &[N],
+        seed: u64,
+        most: usize,
+    ) -> Result<Vec<Self>, Error> {
+        for normals in guesses {
+            let (n, m) = (points.len(), normals.as_ref().len());
+            assert!(n == m, "ThinPlate: {n} points, {m} normals");
         }
-        let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
+        let chosen: Vec<u32> = match points.len() {
+            n if n > most => farthest_point_sample(points, most, seed),
+            n => (0..n as u32).collect(),
+        };
+        let points: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i as usize].map(f64::from)).collect();
         let system = System::new(&points).ok_or_else(|| {
             Error::new(ErrorKind::Data, "the points determine no surface of least bending")
                 .advise("check that the points do not all lie in one place")
         })?;
-        let gradients = system.least_bending(normals);
-        Ok(system.interpolant(&points, &gradients))
+        let function = |normals: &N| {
+            let normals: Vec<[f32; 3]> = chosen.iter().map(|&i| normals.as_ref()[i as usize]).collect();
+            system.interpolant(&points, &system.least_bending(directions(&normals)))
+        };
+        Ok(guesses.par_iter().map(function).collect())
     }
 
     /// f at every point (m x 3): negative inside, zero at the centres, and near them about the signed distance.
@@ -108,7 +136,7 @@ kernel! {
 
 /// The interpolation problem solved for all data at once: with K the kernels and P the planes at the data (n values,
 /// then 3 n components of gradients), the inverse of [[K, P], [P^T, 0]].
-struct System {
+pub(super) struct System {
     /// The data's block of the inverse, 4n x 4n: energy of the data, and weights of the centres from the data.
     energy: DMatrix<f64>,
     /// The planes' block of the inverse, 4 x 4n: coefficients of the plane from the data.
@@ -117,7 +145,7 @@ struct System {
 
 impl System {
     /// `None` if the points leave it singular.
-    fn new(points: &[[f64; 3]]) -> Option<Self> {
+    pub fn new(points: &[[f64; 3]]) -> Option<Self> {
         let n = points.len();
         let planes = DMatrix::from_fn(4 * n, 4, |row, k| plane_at(points, row, k));
         // K is positive on all that is orthogonal to the planes; enough of P P^T makes it so everywhere, and changes
@@ -139,24 +167,34 @@ impl System {
         (energy.iter().all(|x| x.is_finite())).then_some(System { energy, planes })
     }
 
+    /// The problem whose function need not vanish at the points: what is least then is the bending energy plus the sum
+    /// of f^2 at the points over `smoothing`. The same as `smoothing` added to the values' diagonal of K, by the identity
+    /// of Sherman, Morrison and Woodbury at a part of the cost; `None` if it is too small to tell from none.
+    pub fn smoothed(&self, smoothing: f64) -> Option<Self> {
+        let n = self.energy.nrows() / 4;
+        let inner = Symmetric::from_columns(n, |column, out| {
+            for (row, out) in out.iter_mut().enumerate().skip(column) {
+                *out = self.energy[(row, column)] + if row == column { 1.0 / smoothing } else { 0.0 };
+            }
+        });
+        let share = inner.inverse()? * self.energy.rows(0, n);
+        let mut energy = self.energy.clone();
+        energy.gemm(-1.0, &self.energy.columns(0, n), &share, 1.0);
+        let mut planes = self.planes.clone();
+        planes.gemm(-1.0, &self.planes.columns(0, n), &share, 1.0);
+        Some(System { energy, planes })
+    }
+
     /// Unit gradients (n x 3) of least bending near the given directions.
-    fn least_bending(&self, normals: &[[f32; 3]]) -> Vec<f64> {
-        let n = normals.len();
+    pub fn least_bending(&self, mut near: Vec<f64>) -> Vec<f64> {
+        let n = near.len() / 3;
         let form = self.energy.view((n, n), (3 * n, 3 * n));
-        let mut u: Vec<f64> = normals
-            .iter()
-            .flat_map(|m| {
-                let m = m.map(f64::from);
-                let len = m.iter().map(|x| x * x).sum::<f64>().sqrt();
-                if len > 0.0 { m.map(|x| x / len) } else { [1.0, 0.0, 0.0] }
-            })
-            .collect();
-        lbfgs(&mut u, |u, gradient| bending(&form, u, gradient), &LbfgsOptions::default());
-        unit(&u).0
+        lbfgs(&mut near, |u, gradient| bending(&form, u, gradient), &LbfgsOptions::default());
+        unit(&near).0
     }
 
     /// The function of these gradients (n x 3) at the points.
-    fn interpolant(&self, points: &[[f64; 3]], gradients: &[f64]) -> ThinPlate {
+    pub fn interpolant(&self, points: &[[f64; 3]], gradients: &[f64]) -> ThinPlate {
         let n = points.len();
         let data = DVector::from_fn(4 * n, |i, _| if i < n { 0.0 } else { gradients[i - n] });
         let (w, plane) = (&self.energy * &data, &self.planes * &data);
@@ -169,7 +207,17 @@ impl System {
     }
 }
 
-/// Lengths and directions of n x 3 vectors.
+/// Unit vectors along the normals, one after the other; any direction for a normal of zero.
+pub(super) fn directions(normals: &[[f32; 3]]) -> Vec<f64> {
+    let direction = |normal: &[f32; 3]| {
+        let normal = normal.map(f64::from);
+        let len = normal.iter().map(|x| x * x).sum::<f64>().sqrt();
+        if len > 0.0 { normal.map(|x| x / len) } else { [1.0, 0.0, 0.0] }
+    };
+    normals.iter().flat_map(direction).collect()
+}
+
+/// Directions and lengths of n x 3 vectors.
 fn unit(u: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let mut directions = u.to_vec();
     let lengths = directions
@@ -315,6 +363,23 @@ mod tests {
         }
     }
 
+    #[test]
+    fn smoothing_is_what_it_adds_to_the_diagonal() {
+        let points: Vec<[f64; 3]> = sphere(9, 0.4).iter().map(|p| p.map(f64::from)).collect();
+        let n = 4 * points.len();
+        let whole = DMatrix::from_fn(n + 4, n + 4, |i, j| match (i < n, j < n) {
+            (true, true) => kernel_at(&points, i, j) + if i == j && i < points.len() { 1e-3 } else { 0.0 },
+            (true, false) => plane_at(&points, i, j - n),
+            (false, true) => plane_at(&points, j, i - n),
+            (false, false) => 0.0,
+        });
+        let inverse = whole.try_inverse().unwrap();
+        let system = System::new(&points).unwrap().smoothed(1e-3).unwrap();
+        let most = inverse.amax();
+        assert!((&system.energy - inverse.view((0, 0), (n, n))).amax() < 1e-6 * most);
+        assert!((&system.planes - inverse.view((n, 0), (4, n))).amax() < 1e-6 * most);
+    }
+
     /// The data's energy as a plain solution of the whole system has it.
     #[test]
     fn the_inverse_is_that_of_the_whole_system() {
@@ -337,7 +402,7 @@ mod tests {
     #[test]
     fn many_points_are_thinned_and_bad_ones_are_an_error() {
         let points = sphere(300, 0.45);
-        let plate = ThinPlate::fit_thinned(&points, &sphere(300, 1.0), 0, 80).unwrap();
+        let plate = ThinPlate::fit_thinned(&points, &[sphere(300, 1.0)], 0, 80).unwrap().pop().unwrap();
         assert_eq!(plate.centres[0].len(), 80);
         assert!(plate.sdf(&[[0.0; 3]])[0] < 0.0);
         let error = ThinPlate::fit(&[[0.25; 3]; 6], &[[0.0, 0.0, 1.0]; 6], 0).unwrap_err();

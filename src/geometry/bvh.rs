@@ -148,6 +148,34 @@ impl TriangleBvh {
         out
     }
 
+    /// Shows `triangle` the corners of every face in the boxes (lower and upper corner) that `open` says to look into.
+    pub(super) fn visit(
+        &self,
+        open: impl Fn([f64; 3], [f64; 3]) -> bool,
+        mut triangle: impl FnMut([[f64; 3]; 3]),
+    ) {
+        let mut stack = vec![0u32];
+        while let Some(at) = stack.pop() {
+            let node = self.nodes[at as usize];
+            if !open(node.min, node.max) {
+                continue;
+            }
+            if node.count > 0 {
+                self.corners[node.at as usize..][..node.count as usize].iter().for_each(|&t| triangle(t));
+            } else {
+                stack.extend([at + 1, node.at]);
+            }
+        }
+    }
+
+    /// For each of `queries` (m x 3), the normal of the face nearest to it (m).
+    ///
+    /// # Panics
+    /// If a query is not finite.
+    pub fn normals_near(&self, queries: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        self.nearest_all(queries).iter().map(|hit| self.face_normal(hit.face)).collect()
+    }
+
     /// Unit normal of a face by its winding; zero for a face without area.
     ///
     /// # Panics

@@ -4,6 +4,7 @@ mod bounds;
 mod bricks;
 mod bvh;
 mod cloud;
+mod inside;
 mod knn;
 mod level;
 mod marching;

@@ -59,8 +59,8 @@ impl Trainer {
                 return Err(damaged(message));
             }
             trainer.restore(&now);
-            trainer.rebuild_band()?;
             trainer.find_shape()?;
+            trainer.rebuild_band()?;
             Ok(trainer)
         };
         resume().map_err(|e| e.in_file(path))

@@ -25,7 +25,7 @@ pub struct Start {
     /// Which shape. Default `plate`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
     /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings; 0 takes of 0.25,
-    /// 0.5 and 1 the one whose surface fits the points best. Default 0.5.
+    /// 0.5 and 1 the one that leads to the shape that fits the points best. Default 0.
     pub width: f32,
     /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
@@ -112,6 +112,10 @@ pub struct Config {
     /// Whether a run first adapts these options to the number of points, by [`for_points`](Self::for_points).
     /// Default true.
     pub scale_with_points: bool,
+    /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
+    /// they do ([`denoise`](crate::gdo::denoise)); for clouds of 50 to 500 points with another start than a sphere.
+    /// Default true; the paper does not.
+    pub denoise: bool,
     /// The network g.
     pub field: FieldConfig,
     /// How a denser surface is made of the points. Default `bsp`.

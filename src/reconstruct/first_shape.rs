@@ -4,7 +4,7 @@ use super::{Config, StartShape};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::Neighbourhood;
 use crate::error::Error;
-use crate::gdo::{ShapeFit, best_gauss_shape, plate_shape};
+use crate::gdo::{Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
 use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
 use crate::loss::Direction;
 use crate::tensor::Tensor;
@@ -19,6 +19,8 @@ const MOST_PLATE_POINTS: usize = 1024;
 pub(super) struct FirstShape {
     /// The field's regression to it.
     pub fit: ShapeFit,
+    /// The cloud that it was found for: without the noise of its points, if that is asked for and there is some.
+    pub cloud: Denoised,
     /// Its outward unit normals at the points of the cloud, n x 3.
     pub normals: Vec<[f32; 3]>,
     /// Points on it, m x 3.
@@ -40,30 +42,35 @@ impl FirstShape {
     /// sphere, which needs none.
     ///
     /// # Errors
-    /// As [`best_gauss_shape`].
+    /// As [`gauss_shapes`].
     pub fn find(cloud: &[[f32; 3]], config: &Config, samples: usize) -> Result<Option<Self>, Error> {
-        let start = config.start;
+        let (start, seed) = (config.start, config.seed);
         if start.shape == StartShape::Sphere {
             return Ok(None);
         }
         let widths = if start.width > 0.0 { &[start.width][..] } else { &WIDTHS };
-        let rough = best_gauss_shape(cloud, widths, start.regularity, config.seed)?;
-        let mesh = match start.shape {
-            // Points that determine no surface of least bending still have the rough one.
-            StartShape::Plate if cloud.len() <= MOST_PLATE_POINTS => {
-                plate_shape(cloud, &rough, config.seed).unwrap_or(rough)
+        let rough = gauss_shapes(cloud, widths, start.regularity, seed)?;
+        let mut cloud = Denoised { points: cloud.to_vec(), moved: 0.0 };
+        if config.denoise {
+            let guess = best_fitting(rough.clone(), &cloud.points, seed)?;
+            cloud = denoise(&cloud.points, &TriangleBvh::new(&guess)?.normals_near(&cloud.points));
+        }
+        let shapes = match start.shape {
+            // Points that determine no surface of least bending still have the rough ones.
+            StartShape::Plate if cloud.points.len() <= MOST_PLATE_POINTS => {
+                plate_shapes(&cloud.points, &rough, seed).unwrap_or(rough)
             }
             _ => rough,
         };
-        Self::of(&mesh, cloud, config.seed, samples).map(Some)
+        let mesh = best_fitting(shapes, &cloud.points, seed)?;
+        Self::of(&mesh, cloud, seed, samples).map(Some)
     }
 
-    fn of(mesh: &TriangleMesh, cloud: &[[f32; 3]], seed: u64, samples: usize) -> Result<Self, Error> {
-        let tree = TriangleBvh::new(mesh)?;
-        let normals = tree.nearest_all(cloud).iter().map(|hit| tree.face_normal(hit.face)).collect();
+    fn of(mesh: &TriangleMesh, cloud: Denoised, seed: u64, samples: usize) -> Result<Self, Error> {
+        let normals = TriangleBvh::new(mesh)?.normals_near(&cloud.points);
         let samples = sample_surface(mesh, samples, seed)?.points;
-        let owners = if samples.is_empty() { Vec::new() } else { nearest_points(&samples, cloud).0 };
-        Ok(FirstShape { fit: ShapeFit::new(mesh, seed)?, normals, samples, owners })
+        let owners = if samples.is_empty() { Vec::new() } else { nearest_points(&samples, &cloud.points).0 };
+        Ok(FirstShape { fit: ShapeFit::new(mesh, seed)?, cloud, normals, samples, owners })
     }
 
     /// The samples around the points of a block.

@@ -35,6 +35,7 @@ macro_rules! entries {
 const ENTRIES: &[Entry] = entries! {
     "seed" => seed;
     "scale_with_points" => scale_with_points;
+    "denoise" => denoise;
     "field.width" => field.width;
     "field.depth" => field.depth;
     "field.octaves" => field.octaves;

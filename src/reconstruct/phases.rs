@@ -8,12 +8,16 @@ use super::step::{check_gradients, check_near, diverged, forward_map, para_term}
 use super::trainer::untrained;
 use super::{StepReport, Trainer};
 use crate::error::Error;
-use crate::optim::{Schedule, gradient_norm};
+use crate::optim::{Decay, Schedule, gradient_norm};
 use std::fmt;
 use std::time::Instant;
 
 /// Steps between two states that are kept to fall back to.
 const KEEP_EVERY: usize = 20;
+
+/// What the rate of the regression has fallen to at its end. At a constant rate the surface as a whole moves in and out
+/// from step to step by more than thin parts are thick.
+const START_FLOOR: f32 = 0.02;
 
 /// What a step of a run is for, in the order of the run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
@@ -61,10 +65,14 @@ impl Trainer {
         }
     }
 
-    /// Finds the first shape and, with the normals that it gives the cloud, the parts in which S is made.
+    /// Finds the first shape and takes over what it says of the cloud: the points without their noise and, by their
+    /// normals, the parts in which S is made.
     pub(super) fn find_shape(&mut self) -> Result<(), Error> {
         let samples = self.map.as_ref().map_or(0, |m| m.surface_len(self.cloud.len()));
         self.shape = FirstShape::find(&self.cloud, &self.config, samples)?;
+        if let Some(shape) = &self.shape {
+            self.cloud.clone_from(&shape.cloud.points);
+        }
         let normals = self.shape.as_ref().map(|s| &s.normals[..]);
         let size = self.config.batch.centres;
         self.blocks = self.map.as_ref().map_or_else(Vec::new, |m| m.blocks(&self.cloud, normals, size));
@@ -84,7 +92,8 @@ impl Trainer {
         self.keep(self.step);
 
         let steps = self.config.steps_in(Phase::Start);
-        let schedule = Schedule { warmup: steps / 20, ..Schedule::constant(self.config.start.rate) };
+        let decay = Decay::Cosine { floor: START_FLOOR };
+        let schedule = Schedule { base: self.config.start.rate, warmup: steps / 20, decay };
         let field_rate = self.caution() * schedule.rate_at(self.step, steps);
         self.field_adam.step(self.field.params_mut().values_mut(), &fit.gradients, field_rate);
         let report = StepReport { loss: fit.loss, field_rate, gradient_norm, ..self.blank_report() };

@@ -76,6 +76,7 @@ impl Default for Config {
 /// minutes.
 fn paper() -> Config {
     Config {
+        denoise: false,
         field: FieldConfig {
             width: 256,
             depth: 8,
@@ -116,6 +117,7 @@ fn default() -> Config {
     Config {
         seed: 0,
         scale_with_points: true,
+        denoise: true,
         field: FieldConfig {
             width: 128,
             depth: 4,
@@ -139,7 +141,7 @@ fn default() -> Config {
         bsp_pretrain: 100,
         bsp_pretrain_on_shape: true,
         bsp_every: 2,
-        start: Start { shape: StartShape::Plate, width: 0.5, regularity: 0.05, steps: 400, rate: 2e-3 },
+        start: Start { shape: StartShape::Plate, width: 0.0, regularity: 0.05, steps: 400, rate: 2e-3 },
         target: Target::SurfaceAndCloud,
         deformation: Deformation::Projection,
         weights: Weights {

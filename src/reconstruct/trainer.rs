@@ -100,7 +100,7 @@ pub struct Trainer {
     /// Distinct points, input frame.
     pub(super) input: Vec<[f32; 3]>,
     pub(super) normalizer: Normalizer,
-    /// Distinct points, working frame, thinned if there are many.
+    /// Distinct points, working frame, thinned if there are many, and without their noise once the first shape is found.
     pub(super) cloud: Vec<[f32; 3]>,
     /// The order in which a cloud larger than a step is gone through.
     pub(super) order: Vec<u32>,
@@ -290,6 +290,13 @@ impl Trainer {
     /// The options, adapted to the number of points.
     pub fn config(&self) -> &Config {
         &self.config
+    }
+
+    /// How far the points were moved to take their noise off: the root of the mean square, in the unit of the input; 0
+    /// if they were left alone (see [`Config::denoise`]).
+    pub fn noise_removed(&self) -> f64 {
+        let moved = self.shape.as_ref().map_or(0.0, |shape| shape.cloud.moved);
+        moved * self.normalizer.scale()
     }
 
     /// How often the run went back to a good state so far.

@@ -19,6 +19,8 @@ pub struct Outcome {
     pub steps: usize,
     /// Times that the training went back to an earlier state.
     pub recoveries: usize,
+    /// How far the points were moved to take their noise off, root of the mean square.
+    pub noise_removed: f64,
     /// Wall time of training and meshing.
     pub seconds: f64,
     /// What the mesh is like; it is written if there is one.
@@ -62,6 +64,7 @@ pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measur
         .count("points", outcome.points)
         .count("steps", outcome.steps)
         .count("recoveries", outcome.recoveries)
+        .number("noise_removed", outcome.noise_removed)
         .count("resolution", measure.resolution)
         .raw("mesh", optional(mesh.as_deref()))
         .raw("report", report.map_or("null".to_string(), |r| report_json(&job.shape.name, r)))

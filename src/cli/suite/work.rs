@@ -234,6 +234,7 @@ impl Workshop<'_> {
         }
         outcome.steps = trainer.total_steps();
         outcome.recoveries = trainer.recoveries();
+        outcome.noise_removed = trainer.noise_removed();
         Ok(trainer.finish())
     }
 }
