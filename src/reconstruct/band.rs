@@ -43,8 +43,20 @@ pub(super) struct Band {
 /// The lattice that the search starts from is not finer than this, however fine the grid is.
 const COARSEST: usize = 32;
 
+/// What a grid is made finer by at most, and the resolution that this does not take it beyond.
+const FINEST: (f64, f64) = (4.0, 512.0);
+
+/// A resolution at which a surface crosses as many cubes as one `ratio` times as large does at the given one; not coarser.
+fn finer(resolution: usize, ratio: f64) -> usize {
+    let (most, limit) = FINEST;
+    let factor = ratio.sqrt().min(most).min(limit / resolution as f64);
+    // Also where there is no ratio.
+    if factor > 1.0 { (resolution as f64 * factor / 4.0).round() as usize * 4 } else { resolution }
+        .max(resolution)
+}
+
 impl Trainer {
-    /// The grid resolution of a step of the training proper.
+    /// The grid resolution of a step of the training proper: that of its stage, or finer for a small surface.
     fn resolution_at(&self, step: usize) -> usize {
         let mut end = 0;
         let stages = &self.config.stages;
@@ -52,7 +64,9 @@ impl Trainer {
             end += s.steps;
             step < end
         };
-        stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution)
+        let resolution = stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution);
+        let area = self.shape.as_ref().map_or(f64::INFINITY, |shape| shape.area);
+        finer(resolution, self.config.reference_area / area)
     }
 
     /// Searches for the surface on the grid, if it is time to. Returns whether it was.
@@ -117,5 +131,29 @@ impl Trainer {
             return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::finer;
+
+    #[test]
+    fn small_surfaces_have_finer_grids_and_large_ones_the_same() {
+        for (resolution, ratio, want) in [
+            (48, 4.0, 96),
+            (48, 1.5, 60),
+            (48, 1.0, 48),
+            (48, 0.3, 48),
+            (48, 0.0, 48),
+            (48, f64::NAN, 48),
+            (48, f64::INFINITY, 192),
+            (48, 100.0, 192),
+            (300, 16.0, 512),
+            (600, 16.0, 600),
+            (10, 1.01, 10),
+        ] {
+            assert_eq!(finer(resolution, ratio), want, "{resolution} {ratio}");
+        }
     }
 }

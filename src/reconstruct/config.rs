@@ -139,6 +139,10 @@ pub struct Config {
     pub weights: Weights,
     /// Resolutions and steps of the training, in order.
     pub stages: Vec<Stage>,
+    /// The area, in the working frame, of a first shape for which `stages` give the resolutions. A smaller one has the
+    /// grid finer by the root of the ratio, up to 4 times and 512 cubes: as fine against the spacing of the points, and
+    /// as many cubes that the surface crosses. Default 2.2; 0 takes the same grid for all, as the paper does.
+    pub reference_area: f64,
     /// The active part of the grid.
     pub band: Band,
     /// Parts of a large cloud in a step.
@@ -239,6 +243,7 @@ impl Config {
         }
         not_negative("start.width", f64::from(self.start.width))?;
         not_negative("start.regularity", self.start.regularity)?;
+        not_negative("reference_area", self.reference_area)?;
         positive("start.rate", self.start.rate, 1.0)?;
         for (key, rate) in [("field_rate", &self.field_rate), ("bsp_rate", &self.bsp_rate)] {
             check_rate(key, rate)?;

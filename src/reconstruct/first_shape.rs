@@ -21,6 +21,8 @@ pub(super) struct FirstShape {
     pub fit: ShapeFit,
     /// The cloud that it was found for: without the noise of its points, if that is asked for and there is some.
     pub cloud: Denoised,
+    /// Its area.
+    pub area: f64,
     /// Its outward unit normals at the points of the cloud, n x 3.
     pub normals: Vec<[f32; 3]>,
     /// Points on it, m x 3.
@@ -67,10 +69,11 @@ impl FirstShape {
     }
 
     fn of(mesh: &TriangleMesh, cloud: Denoised, seed: u64, samples: usize) -> Result<Self, Error> {
+        let area = mesh.topology().area;
         let normals = TriangleBvh::new(mesh)?.normals_near(&cloud.points);
         let samples = sample_surface(mesh, samples, seed)?.points;
         let owners = if samples.is_empty() { Vec::new() } else { nearest_points(&samples, &cloud.points).0 };
-        Ok(FirstShape { fit: ShapeFit::new(mesh, seed)?, cloud, normals, samples, owners })
+        Ok(FirstShape { fit: ShapeFit::new(mesh, seed)?, cloud, area, normals, samples, owners })
     }
 
     /// The samples around the points of a block.

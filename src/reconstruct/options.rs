@@ -72,6 +72,7 @@ const ENTRIES: &[Entry] = entries! {
     "weights.pull" => weights.pull;
     "weights.cover" => weights.cover;
     "stages" => stages;
+    "reference_area" => reference_area;
     "band.refresh" => band.refresh;
     "band.rings" => band.rings;
     "batch.thin" => batch.thin;
