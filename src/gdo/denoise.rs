@@ -10,9 +10,9 @@ use rayon::prelude::*;
 /// Prices tried, from a surface through the points to one that leaves much of the detail out. In the working frame 1e-4
 /// takes off about half of a scatter of 0.005.
 const SMOOTHINGS: [f64; 6] = [1e-5, 3e-5, 1e-4, 3e-4, 1e-3, 3e-3];
-/// Standard errors by which smoothing must foretell better than none. Of 30 exact clouds of 300 points one then counts as
-/// noisy (two at 0), of the same with a scatter of 0.005 fourteen.
-const SURE: f64 = 0.5;
+/// Standard errors by which smoothing must foretell better than none. At half of one, some exact clouds of thin parts count
+/// as noisy, which costs more there than noise does elsewhere.
+const SURE: f64 = 1.0;
 /// Fewest points that are cross-validated.
 const MIN_POINTS: usize = 50;
 /// Parts of the cloud, each of which is foretold from the others.
@@ -30,7 +30,7 @@ pub struct Denoised {
 /// The points (n x 3, working frame) with their noise taken off, given rough outward normals (n x 3).
 ///
 /// Every fifth of the cloud is foretold by the surfaces of least bending through the rest, with several prices for
-/// missing a point. Unless one of them has a mean error that is lower than without smoothing by more than half the
+/// missing a point. Unless one of them has a mean error that is lower than without smoothing by more than the
 /// standard error of the difference, the points are returned as they are; otherwise they move onto the smoothest
 /// surface whose mean error is within one standard error of the least. Clouds of more than 500 points, for which this
 /// is too slow, and of fewer than 50, which say too little, are left alone.

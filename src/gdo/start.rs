@@ -16,6 +16,9 @@ use rayon::prelude::*;
 const POOL: usize = 20_480;
 /// Points in a step; divides the pool.
 const BATCH: usize = 2048;
+/// Standard deviations of the points from the surface, near and farther, for one of this area or a larger one.
+const SPREADS: [f32; 2] = [0.015, 0.08];
+const SPREAD_AREA: f64 = 2.2;
 /// Weight of |grad g - n|^2 beside |g - d|.
 const NORMAL_WEIGHT: f32 = 0.01;
 
@@ -219,9 +222,11 @@ impl ShapeFit {
         let mut rng = ChaCha8Rng::seed_from_u64(seed);
         let surface = sample_surface(mesh, POOL, seed)?;
         let tree = TriangleBvh::new(mesh)?;
+        // Parts are the thinner the smaller the surface is.
+        let scale = ((mesh.topology().area / SPREAD_AREA).sqrt() as f32).min(1.0);
         let mut place = |(i, p): (usize, &[f32; 3])| -> [f32; 3] {
             // Two fifths close by, two fifths farther, one fifth anywhere.
-            let spread = [0.015f32, 0.08][i % 2];
+            let spread = scale * SPREADS[i % 2];
             std::array::from_fn(|d| {
                 if i % 5 == 4 {
                     rng.random_range(-0.6..0.6)

@@ -49,10 +49,9 @@ const FINEST: (f64, f64) = (4.0, 512.0);
 /// A resolution at which a surface crosses as many cubes as one `ratio` times as large does at the given one; not coarser.
 fn finer(resolution: usize, ratio: f64) -> usize {
     let (most, limit) = FINEST;
-    let factor = ratio.sqrt().min(most).min(limit / resolution as f64);
-    // Also where there is no ratio.
-    if factor > 1.0 { (resolution as f64 * factor / 4.0).round() as usize * 4 } else { resolution }
-        .max(resolution)
+    let factor = if ratio > 1.0 { ratio.sqrt().min(most).min(limit / resolution as f64) } else { 1.0 };
+    let scaled = (resolution as f64 * factor / 4.0).round() as usize * 4;
+    if factor > 1.0 { scaled.max(resolution) } else { resolution }
 }
 
 impl Trainer {
