@@ -93,6 +93,10 @@ impl Bsp {
         &self.config
     }
 
+    pub(super) fn set_cloud(&mut self, points: &[[f32; 3]]) {
+        self.inverse.set_cloud(points);
+    }
+
     /// The parameters of both maps.
     pub fn params(&self) -> &Params {
         &self.params

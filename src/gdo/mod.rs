@@ -14,10 +14,10 @@ mod start;
 mod thin_plate;
 
 pub use deform::{Deformation, deform};
-pub use denoise::{Denoised, denoise};
+pub use denoise::{DENOISED_POINTS, Denoised, denoise};
 pub use faces::sample_faces;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use gauss::GaussField;
 pub use pass::{FieldPass, FieldValues};
-pub use start::{ShapeFit, ShapeFitStep, best_fitting, gauss_shape, gauss_shapes, plate_shapes};
+pub use start::{ShapeFit, ShapeFitStep, USUAL_AREA, best_fitting, gauss_shape, gauss_shapes, plate_shapes};
 pub use thin_plate::ThinPlate;

@@ -51,7 +51,7 @@ impl ThinPlate {
         Ok(each.pop().expect("one guess, one function"))
     }
 
-    /// As [`fit`](Self::fit) from each of several guesses of the normals: the minimum of the bending that a search ends
+    /// As [`fit`](Self::fit) from each of several guesses of the normals (each n x 3), in their order: the minimum of the bending that a search ends
     /// in depends on where it starts. What the guesses share is computed once.
     ///
     /// # Errors

@@ -168,7 +168,7 @@ impl TriangleBvh {
         }
     }
 
-    /// For each of `queries` (m x 3), the normal of the face nearest to it (m).
+    /// For each of `queries` (m x 3), the unit normal of the face nearest to it (m x 3); zero if that has no area.
     ///
     /// # Panics
     /// If a query is not finite.

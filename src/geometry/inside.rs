@@ -1,15 +1,14 @@
-//! On which side of a closed mesh a point is.
+//! On which side of a closed mesh a point is: winding numbers by signed crossings of a ray.
 //!
 //! The normal of the nearest face does not tell: where the nearest point is on an edge or a corner, one of the faces
 //! there may look the other way, and whole wedges beyond sharp edges come out on the wrong side.
 
 use super::TriangleBvh;
-use rayon::prelude::*;
 
-/// Queries answered by one task.
-const CHUNK: usize = 256;
 /// The rays' direction (x/z, y/z): no plane or line of a grid or of a CAD part is likely to lie along it.
 const SLOPE: [f64; 2] = [0.372_548_1, 0.618_742_7];
+// The ray enters a box through its lower sides.
+const _: () = assert!(SLOPE[0] > 0.0 && SLOPE[1] > 0.0);
 
 impl TriangleBvh {
     /// How often the faces wind around `q`: 1 inside a closed mesh whose faces look outward, 0 outside; without meaning
@@ -28,20 +27,6 @@ impl TriangleBvh {
         let mut count = 0;
         self.visit(|min, max| meets_box(q, min, max), |corners| count += crossing(q, corners));
         count
-    }
-
-    /// For each of `queries` (m x 3), whether the closed mesh winds around it (m).
-    ///
-    /// # Panics
-    /// If a query is not finite.
-    pub fn inside_all(&self, queries: &[[f32; 3]]) -> Vec<bool> {
-        let mut out = vec![false; queries.len()];
-        out.par_chunks_mut(CHUNK).zip(queries.par_chunks(CHUNK)).for_each(|(out, queries)| {
-            for (inside, &q) in out.iter_mut().zip(queries) {
-                *inside = self.winding(q) > 0;
-            }
-        });
-        out
     }
 }
 
@@ -64,7 +49,8 @@ fn crossing(q: [f64; 3], corners: [[f64; 3]; 3]) -> i32 {
         [p[0] - q[0] - SLOPE[0] * z, p[1] - q[1] - SLOPE[1] * z, z]
     });
     let area = |a: [f64; 3], b: [f64; 3]| a[0] * b[1] - a[1] * b[0];
-    // Left of an edge or right of it; on it, one of the two by the order of its ends, so that the next face has the other.
+    // Left of an edge or right of it; on it, one of the two by the order of its ends, so that the next face has the
+    // other.
     let left = |a: [f64; 3], b: [f64; 3]| match area(a, b) {
         0.0 => a < b,
         area => area > 0.0,
@@ -132,14 +118,12 @@ mod tests {
                 assert!((f64::from(*count) - want).abs() < 1e-3, "{count} is not {want} at {q:?}");
             }
             assert!(counts.iter().any(|&c| c != 0) && counts.contains(&0));
-            let inside: Vec<bool> = counts.iter().map(|&c| c > 0).collect();
-            assert_eq!(tree.inside_all(&queries), inside);
         }
     }
 
     /// Beyond an acute edge the faces that meet in it disagree about the side.
     #[test]
-    fn is_right_beyond_sharp_edges_and_through_corners() {
+    fn is_right_beyond_sharp_edges() {
         let wedge = TriangleMesh {
             verts: vec![
                 [0.0, -0.5, 0.0],
@@ -166,14 +150,44 @@ mod tests {
             assert_eq!(tree.winding([-0.4, 0.1, z]), 0);
         }
         assert_eq!(tree.winding([0.9, 0.1, 0.0]), 1);
-        // Rays through corners and along edges of the mesh, as far as single precision lets them.
-        for v in &wedge.verts {
-            for back in [0.05f32, 0.3, 2.0] {
-                let q = [v[0] - SLOPE[0] as f32 * back, v[1] - SLOPE[1] as f32 * back, v[2] - back];
-                let want = naive(&wedge, q).round() as i32;
-                assert_eq!(tree.winding(q), want, "{q:?}");
+    }
+
+    #[test]
+    fn a_ray_exactly_through_a_corner_or_an_edge_counts_once() {
+        // An octahedron with a corner, then the middle of an edge, then the middle of a face exactly on the ray.
+        let corners = [
+            [1.0, 0.0, 0.0],
+            [0.0, 1.0, 0.0],
+            [0.0, 0.0, 1.0],
+            [-1.0, 0.0, 0.0],
+            [0.0, -1.0, 0.0],
+            [0.0, 0.0, -1.0],
+        ];
+        let faces: Vec<[usize; 3]> = (0..8)
+            .map(|side| {
+                let [x, y, z] = [0, 1, 2].map(|axis| if side >> axis & 1 == 1 { axis + 3 } else { axis });
+                if (side as u32).count_ones() % 2 == 0 { [x, y, z] } else { [x, z, y] }
+            })
+            .collect();
+        let winding = |corners: [[f64; 3]; 6]| -> i32 {
+            faces.iter().map(|face| crossing([0.0; 3], face.map(|c| corners[c]))).sum()
+        };
+        assert_eq!(winding(corners), 1);
+        for through in [&[2][..], &[0], &[4], &[0, 2], &[1, 5], &[3, 4], &[0, 1, 2], &[3, 4, 5]] {
+            let middle =
+                |axis: usize| through.iter().map(|&c| corners[c][axis]).sum::<f64>() / through.len() as f64;
+            for height in [-4.0, 4.0] {
+                let at = [SLOPE[0] * height, SLOPE[1] * height, height];
+                let moved = corners.map(|c| [0, 1, 2].map(|k| c[k] - middle(k) + at[k]));
+                assert_eq!(winding(moved), 0, "{through:?} {height}");
             }
         }
+        // From inside, through a corner and through the middle of an edge.
+        let mut lifted = corners;
+        lifted[2] = [SLOPE[0] * 2.0, SLOPE[1] * 2.0, 2.0];
+        assert_eq!(winding(lifted), 1);
+        lifted[2] = [SLOPE[0] * 2.0 - 1.0, SLOPE[1] * 2.0, 2.0];
+        assert_eq!(winding(lifted), 1);
     }
 
     #[test]

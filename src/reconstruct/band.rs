@@ -46,7 +46,8 @@ const COARSEST: usize = 32;
 /// What a grid is made finer by at most, and the resolution that this does not take it beyond.
 const FINEST: (f64, f64) = (4.0, 512.0);
 
-/// A resolution at which a surface crosses as many cubes as one `ratio` times as large does at the given one; not coarser.
+/// A resolution, a multiple of 4, at which a surface crosses as many cubes as one `ratio` times as large does at the
+/// given one; not coarser.
 fn finer(resolution: usize, ratio: f64) -> usize {
     let (most, limit) = FINEST;
     let factor = if ratio > 1.0 { ratio.sqrt().min(most).min(limit / resolution as f64) } else { 1.0 };
@@ -150,7 +151,7 @@ mod tests {
             (48, 100.0, 192),
             (300, 16.0, 512),
             (600, 16.0, 600),
-            (10, 1.01, 10),
+            (10, 1.01, 12),
         ] {
             assert_eq!(finer(resolution, ratio), want, "{resolution} {ratio}");
         }

@@ -232,7 +232,7 @@ fn read_params(store: &Store, prefix: &str, params: &mut Params) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{ball, bits, poison, run, tiny};
+    use super::super::tests::{ball, bits, noisy, poison, run, tiny};
     use super::*;
     use crate::bsp::Parameterization;
     use crate::gdo::Deformation;
@@ -253,11 +253,16 @@ mod tests {
         let sparse = Config { parameterization: Parameterization::None, ..tiny() };
         let upsample = Config { parameterization: Parameterization::Upsample, ..blocks.clone() };
         let offset = Config { deformation: Deformation::Offset, ..tiny() };
-        for config in [tiny(), blocks, sparse, upsample, offset] {
+        let (scattered, finer) = noisy(70);
+        assert!(Trainer::new(&scattered, &finer).unwrap().noise_removed() > 0.0);
+        let exact = [tiny(), blocks, sparse, upsample, offset].map(|config| (points.clone(), config));
+        for (points, config) in exact.into_iter().chain([(scattered, finer)]) {
             let straight = bits(&run(&points, &config));
             // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between
             // two searches for the band.
-            for stop in [0, 1, 25, 30, 33, 35, 36, 39] {
+            let stops = [0, 1, 25, 30, 33, 35, 36, 39];
+            for stop in if config.reference_area == 20.0 { &stops[6..] } else { &stops[..] } {
+                let stop = *stop;
                 let mut trainer = Trainer::new(&points, &config).unwrap();
                 for _ in 0..stop {
                     trainer.step().unwrap();

@@ -25,7 +25,8 @@ pub struct Start {
     /// Which shape. Default `plate`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
     /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings; 0 takes of 0.25,
-    /// 0.5 and 1 the one that leads to the shape that fits the points best. Default 0.
+    /// 0.5 and 1 the one that leads to the shape that fits the points best, or 0.5 for clouds of more than 1,024
+    /// points. Default 0.
     pub width: f32,
     /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
@@ -73,7 +74,7 @@ pub struct Weights {
 /// A part of the training, at one grid resolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
-    /// Cubes along each side of the grid.
+    /// Cubes along each side of the grid; more for a small surface, see [`Config::reference_area`].
     pub resolution: usize,
     /// Steps.
     pub steps: usize,
@@ -113,7 +114,7 @@ pub struct Config {
     /// Default true.
     pub scale_with_points: bool,
     /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
-    /// they do ([`denoise`](crate::gdo::denoise)); for clouds of 50 to 500 points with another start than a sphere.
+    /// they do ([`denoise`](crate::gdo::denoise())); for clouds of 50 to 500 points with another start than a sphere.
     /// Default true; the paper does not.
     pub denoise: bool,
     /// The network g.
@@ -388,6 +389,7 @@ mod tests {
             ("weights.para", "-1"),
             ("weights.points", "inf"),
             ("stages", "2:100"),
+            ("reference_area", "-1"),
             ("stages", "32:0"),
             ("band.refresh", "0"),
             ("batch.points", "0"),

@@ -4,7 +4,7 @@ use super::{Config, StartShape};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::Neighbourhood;
 use crate::error::Error;
-use crate::gdo::{Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
+use crate::gdo::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
 use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
 use crate::loss::Direction;
 use crate::tensor::Tensor;
@@ -50,21 +50,30 @@ impl FirstShape {
         if start.shape == StartShape::Sphere {
             return Ok(None);
         }
-        let widths = if start.width > 0.0 { &[start.width][..] } else { &WIDTHS };
-        let rough = gauss_shapes(cloud, widths, start.regularity, seed)?;
-        let mut cloud = Denoised { points: cloud.to_vec(), moved: 0.0 };
-        if config.denoise {
-            let guess = best_fitting(rough.clone(), &cloud.points, seed)?;
-            cloud = denoise(&cloud.points, &TriangleBvh::new(&guess)?.normals_near(&cloud.points));
-        }
-        let shapes = match start.shape {
-            // Points that determine no surface of least bending still have the rough ones.
-            StartShape::Plate if cloud.points.len() <= MOST_PLATE_POINTS => {
-                plate_shapes(&cloud.points, &rough, seed).unwrap_or(rough)
-            }
-            _ => rough,
+        let widths = match start.width {
+            // For large clouds no gain was measured that would be worth the time.
+            0.0 if cloud.len() > MOST_PLATE_POINTS => &WIDTHS[1..2],
+            0.0 => &WIDTHS[..],
+            _ => std::slice::from_ref(&start.width),
         };
-        let mesh = best_fitting(shapes, &cloud.points, seed)?;
+        let mut rough = gauss_shapes(cloud, widths, start.regularity, seed)?;
+        let best = best_fitting(&rough, cloud, seed)?;
+        let cloud = if config.denoise && DENOISED_POINTS.contains(&cloud.len()) {
+            denoise(cloud, &TriangleBvh::new(&rough[best])?.normals_near(cloud), seed)
+        } else {
+            Denoised { points: cloud.to_vec(), moved: 0.0 }
+        };
+        let plates = match start.shape {
+            StartShape::Plate if cloud.points.len() <= MOST_PLATE_POINTS => {
+                plate_shapes(&cloud.points, &rough, seed).ok()
+            }
+            _ => None,
+        };
+        let mesh = match plates {
+            Some(mut plates) => plates.swap_remove(best_fitting(&plates, &cloud.points, seed)?),
+            // Points that determine no surface of least bending still have the rough ones.
+            None => rough.swap_remove(best),
+        };
         Self::of(&mesh, cloud, seed, samples).map(Some)
     }
 

@@ -66,8 +66,9 @@ impl Trainer {
     pub(super) fn find_shape(&mut self) -> Result<(), Error> {
         let samples = self.map.as_ref().map_or(0, |m| m.surface_len(self.cloud.len()));
         self.shape = FirstShape::find(&self.cloud, &self.config, samples)?;
-        if let Some(shape) = &self.shape {
+        if let Some(shape) = self.shape.as_ref().filter(|shape| shape.cloud.moved > 0.0) {
             self.cloud.clone_from(&shape.cloud.points);
+            self.map.iter_mut().for_each(|map| map.set_cloud(&self.cloud));
         }
         let normals = self.shape.as_ref().map(|s| &s.normals[..]);
         let size = self.config.batch.centres;

@@ -3,7 +3,7 @@
 use super::config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights};
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Activation, Deformation, FieldConfig};
+use crate::gdo::{Activation, Deformation, FieldConfig, USUAL_AREA};
 use crate::optim::{Decay, Schedule};
 use std::fmt;
 use std::str::FromStr;
@@ -157,7 +157,7 @@ fn default() -> Config {
             cover: 1.0,
         },
         stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 200 }],
-        reference_area: 2.2,
+        reference_area: USUAL_AREA,
         band: Band { refresh: 4, rings: 0 },
         batch: Batch { thin: 0.25, points: 4096, centres: 1024 },
         surface_samples: 8000,

@@ -1,12 +1,14 @@
 //! Tests of the whole training: gradients of a step, shapes, determinism, recovery, checkpoints.
 
 use super::*;
-use crate::bsp::Parameterization;
+use crate::bsp::{Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
 use crate::gdo::{Activation, Deformation};
 use crate::geometry::Shape;
 use crate::optim::gradient_norm;
 use crate::tensor::Tensor;
+use rand::rngs::ChaCha8Rng;
+use rand::{RngExt, SeedableRng};
 use std::ops::ControlFlow;
 
 /// A configuration that runs in well under a second.
@@ -33,6 +35,16 @@ pub(super) fn tiny() -> Config {
 pub(super) fn ball(n: usize) -> Vec<[f32; 3]> {
     let points = Shape::Sphere { radius: 3.0 }.sample(n, 5).0;
     points.into_iter().map(|p| [p[0] + 10.0, p[1] - 4.0, p[2]]).collect()
+}
+
+/// A ball whose points scatter, with options for which that and its size change the cloud and the grid.
+pub(super) fn noisy(n: usize) -> (Vec<[f32; 3]>, Config) {
+    let mut rng = ChaCha8Rng::seed_from_u64(4);
+    let mut shift = || -> f32 { rng.random_range(-0.2..0.2) };
+    let points = ball(n).into_iter().map(|p| p.map(|x| x + shift())).collect();
+    let mut config = tiny();
+    (config.start.width, config.reference_area) = (0.0, 20.0);
+    (points, config)
 }
 
 pub(super) fn run(points: &[[f32; 3]], config: &Config) -> Reconstruction {
@@ -298,6 +310,45 @@ fn the_field_is_in_the_units_of_the_input() {
 }
 
 #[test]
+fn noise_is_removed_and_small_shapes_have_finer_grids() {
+    let (points, config) = noisy(120);
+    let mut trainer = Trainer::new(&points, &config).unwrap();
+    // In the input's unit: the ball has a diameter of 6.
+    let removed = trainer.noise_removed();
+    assert!(removed > 0.03 && removed < 0.3, "{removed}");
+    let off = |cloud: &[[f32; 3]]| {
+        let radius = |p: &[f32; 3]| p.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let mean = cloud.iter().map(radius).sum::<f32>() / cloud.len() as f32;
+        cloud.iter().map(|p| (radius(p) - mean).abs()).sum::<f32>() / cloud.len() as f32
+    };
+    let given = trainer.normalizer.forward(&points);
+    assert!(off(&trainer.cloud) < 0.7 * off(&given), "{} {}", off(&trainer.cloud), off(&given));
+    let mut finest = 0;
+    while !trainer.is_done() {
+        finest = finest.max(trainer.step().unwrap().resolution);
+    }
+    // The root of 20 over about 3.1 times 12.
+    assert!((28..=32).contains(&finest), "{finest}");
+    // The result has the points as they were given.
+    assert_eq!(trainer.finish().cloud(), points);
+
+    let left = Config { denoise: false, reference_area: 0.0, ..config };
+    let mut trainer = Trainer::new(&points, &left).unwrap();
+    assert_eq!((trainer.noise_removed(), &trainer.cloud), (0.0, &given));
+    while !trainer.is_done() {
+        assert!(trainer.step().unwrap().resolution <= 12);
+    }
+    // What S is made from follows the cloud: without parameters it would be the noisy points' otherwise.
+    let upsample = Config { parameterization: Parameterization::Upsample, ..noisy(120).1 };
+    let mut trainer = at_training(&points, &upsample);
+    trainer.step().unwrap();
+    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let cloud = &trainer.cloud;
+    let fresh = SurfaceMap::new(upsample.parameterization, upsample.bsp, cloud, &mut rng).unwrap();
+    assert_eq!(trainer.surface, fresh.surface(cloud, &fresh.blocks(cloud, None, 1000)));
+}
+
+#[test]
 fn the_threads_do_not_change_a_byte() {
     let points = ball(120);
     // Blocks and windows as for a large cloud.
@@ -305,7 +356,9 @@ fn the_threads_do_not_change_a_byte() {
     large.batch = Batch { thin: 0.25, points: 50, centres: 30 };
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
     let samples = Config { surface_samples: 300, ..tiny() };
-    for config in [tiny(), large, offset, samples] {
+    let (scattered, finer) = noisy(120);
+    let exact = [tiny(), large, offset, samples].map(|config| (points.clone(), config));
+    for (points, config) in exact.into_iter().chain([(scattered, finer)]) {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| bits(&run(&points, &config)))
