@@ -255,14 +255,13 @@ mod tests {
         let offset = Config { deformation: Deformation::Offset, ..tiny() };
         let (scattered, finer) = noisy(70);
         assert!(Trainer::new(&scattered, &finer).unwrap().noise_removed() > 0.0);
-        let exact = [tiny(), blocks, sparse, upsample, offset].map(|config| (points.clone(), config));
-        for (points, config) in exact.into_iter().chain([(scattered, finer)]) {
+        // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between two
+        // searches for the band.
+        let stops = &[0, 1, 25, 30, 33, 35, 36, 39][..];
+        let exact = [tiny(), blocks, sparse, upsample, offset].map(|config| (points.clone(), config, stops));
+        for (points, config, stops) in exact.into_iter().chain([(scattered, finer, &stops[6..])]) {
             let straight = bits(&run(&points, &config));
-            // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between
-            // two searches for the band.
-            let stops = [0, 1, 25, 30, 33, 35, 36, 39];
-            for stop in if config.reference_area == 20.0 { &stops[6..] } else { &stops[..] } {
-                let stop = *stop;
+            for &stop in stops {
                 let mut trainer = Trainer::new(&points, &config).unwrap();
                 for _ in 0..stop {
                     trainer.step().unwrap();
