@@ -41,7 +41,7 @@ pub struct DemoArgs {
     noise: f64,
     #[command(flatten)]
     settings: Settings,
-    /// Cubes along the longest side of the grid that the mesh is taken from
+    /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost
     #[arg(long, default_value_t = RESOLUTION, value_parser = resolution_parser())]
     resolution: usize,
     /// Print one JSON object

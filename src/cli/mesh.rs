@@ -21,7 +21,7 @@ pub struct MeshArgs {
     /// The mesh to write (ply, obj, stl), or `-`
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Cubes along the longest side of the grid that the mesh is taken from
+    /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost
     #[arg(long, default_value_t = RESOLUTION, value_parser = super::reconstruct::resolution_parser())]
     resolution: usize,
     /// Format of the mesh [default: by extension; ply for `-`]

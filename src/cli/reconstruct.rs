@@ -40,7 +40,7 @@ pub struct ReconstructArgs {
     output: PathBuf,
     #[command(flatten)]
     settings: Settings,
-    /// Cubes along the longest side of the grid that the mesh is taken from
+    /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost
     #[arg(long, default_value_t = RESOLUTION, value_parser = resolution_parser())]
     resolution: usize,
     /// Format of the input [default: by extension, else by content]

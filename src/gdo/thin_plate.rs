@@ -185,6 +185,11 @@ impl System {
         Some(System { energy, planes })
     }
 
+    /// The data's block of the inverse, 4n x 4n: n values, then 3 n components of gradients.
+    pub fn energy(&self) -> &DMatrix<f64> {
+        &self.energy
+    }
+
     /// Unit gradients (n x 3) of least bending near the given directions.
     pub fn least_bending(&self, mut near: Vec<f64>) -> Vec<f64> {
         let n = near.len() / 3;

@@ -59,7 +59,7 @@ impl FirstShape {
         let mut rough = gauss_shapes(cloud, widths, start.regularity, seed)?;
         let best = best_fitting(&rough, cloud, seed)?;
         let cloud = if config.denoise && DENOISED_POINTS.contains(&cloud.len()) {
-            denoise(cloud, &TriangleBvh::new(&rough[best])?.normals_near(cloud), seed)
+            denoise(cloud, &TriangleBvh::new(&rough[best])?.normals_near(cloud))
         } else {
             Denoised { points: cloud.to_vec(), moved: 0.0 }
         };
