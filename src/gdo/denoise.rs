@@ -18,9 +18,9 @@ const SMOOTHINGS: [f64; 5] = [1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
 /// one does. Normals that follow the points as closely as the surface make it foresee their noise; those of too smooth a
 /// surface know nothing of thin parts.
 const REFERENCE: usize = 2;
-/// Standard errors by which smoothing must predict better than none: were it no better, this would happen once in twenty
-/// times. Of 30 exact clouds none passed, of the same with a scatter of 0.005 nineteen.
-const SURE: f64 = 1.645;
+/// Standard errors by which smoothing must predict better than none: were it no better, this would happen twice in a
+/// hundred times. Of 30 exact clouds none passed, of the same with a scatter of 0.005 eighteen.
+const SURE: f64 = 2.0;
 /// Moves below this root of the mean square are not worth making; a very smooth surface through exact points is one
 /// that smoothing finds, too.
 const NEGLIGIBLE: f64 = 1e-4;
@@ -38,8 +38,8 @@ pub struct Denoised {
 ///
 /// Each point is predicted from all others by thin plates with several smoothing parameters, with the normals of the
 /// smoothest of them.
-/// Unless one of the parameters has a mean error significantly below that without smoothing (a paired one-sided test at
-/// the level of 0.05), the points are returned as they are. Otherwise they move onto the least smooth surface whose mean
+/// Unless one of the parameters has a mean error below that without smoothing by two standard errors of the difference,
+/// the points are returned as they are. Otherwise they move onto the least smooth surface whose mean
 /// error is within one standard error of the least. Clouds whose size is not in [`DENOISED_POINTS`], and such as would
 /// move by less than 1e-4, are returned as they are, too.
 ///
