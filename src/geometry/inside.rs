@@ -166,7 +166,7 @@ mod tests {
         let faces: Vec<[usize; 3]> = (0..8)
             .map(|side| {
                 let [x, y, z] = [0, 1, 2].map(|axis| if side >> axis & 1 == 1 { axis + 3 } else { axis });
-                if (side as u32).count_ones() % 2 == 0 { [x, y, z] } else { [x, z, y] }
+                if (side as u32).count_ones().is_multiple_of(2) { [x, y, z] } else { [x, z, y] }
             })
             .collect();
         let winding = |corners: [[f64; 3]; 6]| -> i32 {
