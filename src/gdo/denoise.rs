@@ -37,9 +37,8 @@ pub struct Denoised {
 /// The points (n x 3, working frame) without their noise, given rough outward normals (n x 3).
 ///
 /// Each point is predicted from all others by thin plates with several smoothing parameters, with the normals of the
-/// smoothest of them.
-/// Unless one of the parameters has a mean error below that without smoothing by two standard errors of the difference,
-/// the points are returned as they are. Otherwise they move onto the least smooth surface whose mean
+/// smoothest of them. Unless one of the parameters has a mean error below that without smoothing by two standard errors
+/// of the difference, the points are returned as they are. Otherwise they move onto the least smooth surface whose mean
 /// error is within one standard error of the least. Clouds whose size is not in [`DENOISED_POINTS`], and such as would
 /// move by less than 1e-4, are returned as they are, too.
 ///
