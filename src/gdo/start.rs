@@ -388,6 +388,34 @@ mod tests {
         }
     }
 
+    /// Where the nearest point is on an acute edge, one of the faces there looks away.
+    #[test]
+    fn distances_beyond_an_acute_edge_are_positive() {
+        let side = |y: f32| [[0.0, y, 0.0], [1.0, y, 0.1], [1.0, y, -0.1]];
+        let wedge = TriangleMesh {
+            verts: [side(-0.5), side(0.5)].concat(),
+            faces: vec![
+                [0, 1, 4],
+                [0, 4, 3],
+                [0, 3, 5],
+                [0, 5, 2],
+                [1, 2, 5],
+                [1, 5, 4],
+                [0, 2, 1],
+                [3, 4, 5],
+            ],
+        };
+        assert!(wedge.topology().closed && wedge.topology().volume > 0.0);
+        let tree = TriangleBvh::new(&wedge).unwrap();
+        for z in [-0.02f32, 0.02] {
+            let want = 0.1f32.hypot(0.02);
+            let (distance, gradient) = signed_distance(&tree, [-0.1, 0.1, z]);
+            assert!((distance - want).abs() < 1e-5, "{distance}");
+            assert!((gradient[0] + 0.1 / want).abs() < 1e-4 && (gradient[2] - z / want).abs() < 1e-4);
+        }
+        assert!(signed_distance(&tree, [0.9, 0.1, 0.0]).0 < 0.0);
+    }
+
     #[test]
     fn targets_are_distances_with_the_sign_of_the_side() {
         // A cube of side 1 around the origin, two triangles a side, corner b at the bits of b.
