@@ -2,6 +2,7 @@
 
 use super::column::{Column, FURTHER, USUAL};
 use super::compare::Report;
+use super::text_table::{Cell, TextTable};
 
 /// A table of numbers: one row a shape, one named column a quantity. A missing value prints as `-`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -93,6 +94,38 @@ impl Table {
             ("count", all(&|x| Some(x.len() as f64))),
         ]
     }
+
+    /// The table written out, with the summary below its rows.
+    pub fn written(&self) -> TextTable {
+        let head = self.columns.iter().map(|c| Cell::text(c.as_str()));
+        let mut table = TextTable::new([Cell::texts("shape", "name")].into_iter().chain(head));
+        let line = |name: &str, values: &[Option<f64>]| -> Vec<Cell> {
+            [Cell::text(name)].into_iter().chain(values.iter().map(|v| Cell::number(*v))).collect()
+        };
+        self.rows.iter().for_each(|(name, values)| table.push(line(name, values)));
+        self.summary().iter().for_each(|(name, values)| table.push_summary(line(name, values)));
+        table
+    }
+
+    /// Aligned plain text with the summary below a rule.
+    pub fn to_text(&self) -> String {
+        self.written().to_text()
+    }
+
+    /// A Markdown table, aligned for reading as text, too, with the summary as its last rows.
+    pub fn to_markdown(&self) -> String {
+        self.written().to_markdown()
+    }
+
+    /// Comma-separated values with a header, full precision, no summary; a missing value is empty.
+    pub fn to_csv(&self) -> String {
+        self.written().to_csv()
+    }
+
+    /// A LaTeX `tabular` that needs no package, with the summary below a rule; names are escaped.
+    pub fn to_latex(&self) -> String {
+        self.written().to_latex()
+    }
 }
 
 /// The `p`-th percentile (0 to 100) of `values` in any order, linear between the two nearest ranks; `None` of nothing.
@@ -136,6 +169,28 @@ mod tests {
         assert_eq!(s[2], ("5 %", vec![Some(1.1), Some(0.25)]));
         assert_eq!(s[4], ("count", vec![Some(2.0), Some(1.0)]));
         assert_eq!(Table::new(["a"]).summary()[0].1, [None]);
+    }
+
+    #[test]
+    fn it_is_written_with_its_summary() {
+        let mut t = small();
+        assert_eq!(t.to_csv(), "name,a,\"b,c\"\none,1,0.25\n\"two \"\"x\"\"\",3,\n");
+        t.add_column("d", [Some(0.1 + 0.2), None]);
+        assert_eq!(t.to_csv().lines().nth(1), Some("one,1,0.25,0.30000000000000004"));
+        for text in [t.to_text(), t.to_markdown(), t.to_latex()] {
+            let words = |line: &str| {
+                let cells = line.split([' ', '|', '&', '\\']).filter(|w| !w.is_empty());
+                cells.map(String::from).collect::<Vec<_>>()
+            };
+            let lines: Vec<_> = text.lines().map(words).collect();
+            for want in [
+                &["shape", "a", "b,c", "d"],
+                &["one", "1", "0.2500", "0.3000"],
+                &["mean", "2", "0.2500", "0.3000"],
+            ] {
+                assert!(lines.iter().any(|l| l == want), "{text}");
+            }
+        }
     }
 
     #[test]

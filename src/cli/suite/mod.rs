@@ -179,7 +179,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     let text = overview(&plan, args, open.len());
     if args.dry_run {
         let results = Results { plan: &plan, records: &held.records };
-        return print(format!("{text}\n\n{}", tables::settings(results, args.ablations).markdown()));
+        return print(format!("{text}\n\n{}", tables::settings(results, args.ablations).to_markdown()));
     }
     common.note(&text);
     note_builds(&plan, &held.records, common);
@@ -224,7 +224,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     if !args.no_sheets {
         draw_sheets(results, args)?;
     }
-    print(tables::settings(results, args.ablations).markdown())
+    print(tables::settings(results, args.ablations).to_markdown())
 }
 
 /// How much there is to do, in a line.
