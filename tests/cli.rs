@@ -10,8 +10,9 @@ use bijective_sdf::geometry::Shape;
 use bijective_sdf::io::{read_mesh, read_mesh_bytes};
 
 mod common;
-use common::json::Json;
+use common::json::{Known, parse};
 use common::{Dir, TINY, code, err, fails, out, piped, program, run, tiny};
+use serde_json::Value;
 
 #[test]
 fn bad_inputs_are_refused_with_a_reason_and_nothing_is_written() {
@@ -108,7 +109,7 @@ fn a_run_reports_in_json_and_is_the_same_for_any_number_of_threads() {
     assert!(output.stderr.is_empty(), "{}", err(&output));
     let text = out(&output);
     assert_eq!(text.lines().count(), 1);
-    let json = Json::parse(&text);
+    let json = parse(&text);
     assert_eq!(json.at("points").number(), 60.0);
     assert_eq!(json.at("duplicates").number(), 0.0);
     assert_eq!(json.at("seed").number(), 3.0);
@@ -120,7 +121,7 @@ fn a_run_reports_in_json_and_is_the_same_for_any_number_of_threads() {
     assert!(json.at("closed_and_oriented").truth());
     assert!(json.at("losses").at("loss").number() > 0.0);
     assert!(json.at("seconds").at("total").number() >= json.at("seconds").at("mesh").number());
-    assert_eq!(json.at("field"), &Json::Null);
+    assert_eq!(json.at("field"), &Value::Null);
     let mesh = read_mesh(&one).unwrap();
     let topology = mesh.topology();
     assert!(topology.closed && topology.oriented && topology.volume > 0.2, "{topology}");
@@ -200,7 +201,7 @@ fn a_time_limit_ends_early_with_a_mesh() {
         let mut command = tiny(&dir.cloud(), &mesh);
         command.args(["--time-limit", "0", "--json"]).args(options);
         let output = run(&mut command, 0);
-        let json = Json::parse(&out(&output));
+        let json = parse(&out(&output));
         assert_eq!((json.at("ended").text(), json.at("steps").number()), ("time-limit", 1.0));
         assert_eq!((json.at("phase").text(), json.at("total_steps").number()), (phase, f64::from(total)));
         assert!(json.at("losses").at("loss").number() > 0.0);
@@ -228,14 +229,14 @@ fn sample_info_and_evaluate_fit_together() {
     run(&mut sample, 0);
     assert!(first == fs::read(&cloud).unwrap());
 
-    let json = Json::parse(&out(&run(program().arg("info").arg(&cloud).arg("--json"), 0)));
+    let json = parse(&out(&run(program().arg("info").arg(&cloud).arg("--json"), 0)));
     assert_eq!((json.at("kind").text(), json.at("points").number()), ("cloud", 500.0));
     assert!(json.at("usable").truth() && json.at("duplicates").number() == 0.0);
     let spacing = json.at("spacing").at("median").number();
     assert!((0.01..0.1).contains(&spacing), "{spacing}");
     assert!(out(&run(program().arg("info").arg(&cloud), 0)).contains("points      500"));
 
-    let json = Json::parse(&out(&run(program().arg("info").arg(&mesh).args(["--json", "--check"]), 0)));
+    let json = parse(&out(&run(program().arg("info").arg(&mesh).args(["--json", "--check"]), 0)));
     assert_eq!((json.at("kind").text(), json.at("mesh").at("faces").number()), ("mesh", 12.0));
     assert_eq!(json.at("mesh").at("volume").number(), 1.0);
     let open = dir.mesh("open.obj", false);
@@ -247,7 +248,7 @@ fn sample_info_and_evaluate_fit_together() {
         command.arg("evaluate").args(["--samples", "5000"]).args(args).args(files);
         out(&run(&mut command, 0))
     };
-    let json = Json::parse(&evaluate(&["--json", "--ntps", "--surface"], &[&mesh, &mesh]));
+    let json = parse(&evaluate(&["--json", "--ntps", "--surface"], &[&mesh, &mesh]));
     let report = json.at("report");
     let of = |part: &str, key: &str| report.at(part).at(key).number();
     assert!((of("metrics", "cd_l1") / of("floor", "cd_l1") - 1.0).abs() < 0.05);
@@ -277,7 +278,7 @@ fn protocols_choose_samples_frame_and_columns() {
         out(&run(program().arg("evaluate").args(args).args(files).arg("--quiet"), 0))
     };
     let text = evaluate(&["--protocol", "sal", "--scan", "--json"], &[&mesh, &mesh, &scan]);
-    let json = Json::parse(&text);
+    let json = parse(&text);
     assert_eq!(json.at("report").at("pred_samples").number(), 30_000.0);
     assert_eq!(json.at("report").at("scale").number(), 1.0);
     let hd = json.at("report").at("scan").at("hd_comp").number();
@@ -292,7 +293,7 @@ fn protocols_choose_samples_frame_and_columns() {
     // Several pairs end in a summary; a cloud with normals has a normal consistency.
     let files: [&Path; 4] = [&mesh, &mesh, &scan, &mesh];
     let text = evaluate(&["--json", "--samples", "3000"], &files);
-    let lines: Vec<Json> = text.lines().map(Json::parse).collect();
+    let lines: Vec<Value> = text.lines().map(parse).collect();
     assert_eq!(lines.len(), 3);
     let at = |i: usize, key: &str| lines[i].at("report").at("metrics").at(key).number();
     let summary = lines[2].at("summary");
@@ -310,7 +311,7 @@ fn protocols_choose_samples_frame_and_columns() {
     let normals = "property float nx\nproperty float ny\nproperty float nz\nend_header\n";
     let rows = "0.5 0.5 1 0 0 2\n0.5 1 0.5 0 -1 0\n";
     let cloud = dir.text("cloud.ply", format!("{header}{normals}{rows}"));
-    let json = Json::parse(&evaluate(&["--json", "--frame", "as-is"], &[&cloud, &mesh]));
+    let json = parse(&evaluate(&["--json", "--frame", "as-is"], &[&cloud, &mesh]));
     assert!(json.at("report").at("gt_samples").number() == 2.0);
     assert!(json.at("report").at("metrics").at("nc").number() > 0.6);
     fails(program().arg("evaluate").args([&mesh, &mesh]).arg("--scan"), 2, &["threes"]);
@@ -409,7 +410,7 @@ fn the_demo_writes_its_files_and_numbers() {
     // A start near the truth: points far from a surface are slow to measure.
     command.args(["--set", "start.shape=gauss", "--set", "start.steps=60"]);
     let output = run(command.arg("--out").arg(&demo), 0);
-    let json = Json::parse(&out(&output));
+    let json = parse(&out(&output));
     assert_eq!(json.at("points").number(), 60.0);
     let part = |name: &str| json.at("evaluation").at(name).at("cd_l1").number();
     assert!(part("metrics") > part("floor") && part("floor") > 0.0);

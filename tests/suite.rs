@@ -11,8 +11,9 @@ use bijective_sdf::io::{read_mesh, write_cloud, write_mesh};
 // The tests of the other commands need the rest of it.
 #[allow(dead_code)]
 mod common;
-use common::json::Json;
+use common::json::{Known, parse};
 use common::{Dir, TINY, err, fails, out, program, run};
+use serde_json::Value;
 
 /// A closed box with the given sides.
 fn cuboid(size: [f32; 3]) -> TriangleMesh {
@@ -51,8 +52,8 @@ fn suite(data: &Path, to: &Path) -> Command {
     command
 }
 
-fn lines(to: &Path) -> Vec<Json> {
-    fs::read_to_string(to.join("runs.jsonl")).unwrap().lines().map(Json::parse).collect()
+fn lines(to: &Path) -> Vec<Value> {
+    fs::read_to_string(to.join("runs.jsonl")).unwrap().lines().map(parse).collect()
 }
 
 #[test]
@@ -90,7 +91,7 @@ fn a_suite_is_run_once_and_goes_on_where_it_was_stopped() {
         let mesh = read_mesh(to.join(line.at("mesh").text())).unwrap();
         assert_eq!(line.at("result_topology").at("faces").number(), mesh.faces.len() as f64);
         match line.at("shape").text() {
-            "ball_60" => assert_eq!((line.at("truth"), line.at("report")), (&Json::Null, &Json::Null)),
+            "ball_60" => assert_eq!((line.at("truth"), line.at("report")), (&Value::Null, &Value::Null)),
             name => {
                 assert_eq!(line.at("truth").text(), name.trim_end_matches("_60"));
                 assert!(line.at("report").at("metrics").at("cd_l1").number() > 0.0);
@@ -163,7 +164,7 @@ fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
         |to: &Path, shape: &str| lines(to).into_iter().find(|l| l.at("shape").text() == shape).unwrap();
     let flat = by_shape(&one, "flat");
     assert_eq!(flat.at("status").text(), "failed");
-    assert!(flat.at("message").text().contains("in one plane") && *flat.at("mesh") == Json::Null);
+    assert!(flat.at("message").text().contains("in one plane") && *flat.at("mesh") == Value::Null);
     for key in ["fingerprint", "report", "result_topology"] {
         assert_eq!(by_shape(&one, "cube_60").at(key), by_shape(&two, "cube_60").at(key));
     }

@@ -1,4 +1,4 @@
-//! JSON objects, written by hand: the program has no other use for a JSON library.
+//! JSON objects whose members keep the order in which they are given.
 
 use std::fmt::{Display, Write};
 use std::path::Path;
@@ -72,23 +72,7 @@ pub fn number(value: Option<f64>) -> String {
 
 /// A text as JSON.
 pub fn quoted(text: &str) -> String {
-    let mut out = String::with_capacity(text.len() + 2);
-    out.push('"');
-    for c in text.chars() {
-        match c {
-            '"' => out.push_str("\\\""),
-            '\\' => out.push_str("\\\\"),
-            '\n' => out.push_str("\\n"),
-            '\r' => out.push_str("\\r"),
-            '\t' => out.push_str("\\t"),
-            c if c < ' ' => {
-                let _ = write!(out, "\\u{:04x}", c as u32);
-            }
-            c => out.push(c),
-        }
-    }
-    out.push('"');
-    out
+    serde_json::Value::from(text).to_string()
 }
 
 #[cfg(test)]

@@ -12,7 +12,6 @@ use clap::Args;
 mod ablations;
 mod fingerprint;
 mod inputs;
-mod parse;
 mod plan;
 mod record;
 mod results;

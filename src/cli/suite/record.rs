@@ -2,10 +2,10 @@
 
 use bijective_sdf::evaluate::Report;
 use bijective_sdf::geometry::Topology;
+use serde_json::Value;
 
 use super::super::json::Object;
 use super::super::report::{report_json, topology_json};
-use super::parse::Json;
 use super::plan::{Job, Measure};
 
 /// What a run came to.
@@ -114,25 +114,25 @@ pub struct Record {
 impl Record {
     /// Reads a line, or says what is wrong with it.
     pub fn read(line: &str) -> Result<Record, String> {
-        let json = Json::parse(line).map_err(|fault| fault.to_string())?;
+        let json = serde_json::from_str::<Value>(line).map_err(|fault| fault.to_string())?;
         let missing = |key: &str| format!("{key} is missing or of another kind");
-        let text = |key: &str| json.get(key).and_then(Json::text).map(str::to_string);
+        let text = |key: &str| json.get(key).and_then(Value::as_str).map(str::to_string);
         let need = |key: &str| text(key).ok_or_else(|| missing(key));
         let failure = match need("status")?.as_str() {
             "ok" => None,
             "failed" => Some(need("message")?),
             other => return Err(format!("the status {other:?} is unknown")),
         };
-        let part = |key: &str| json.get(key);
+        let part = |key: &str| json.get(key).filter(|value| !value.is_null());
         // The fingerprint finds the run; these are for other readers of the file.
         need("shape")?;
         need("setting")?;
-        part("seed").and_then(Json::whole::<u64>).ok_or_else(|| missing("seed"))?;
+        part("seed").and_then(Value::as_u64).ok_or_else(|| missing("seed"))?;
         Ok(Record {
             fingerprint: need("fingerprint")?,
             failure,
-            seconds: part("seconds").and_then(Json::number).ok_or_else(|| missing("seconds"))?,
-            threads: part("threads").and_then(Json::whole).ok_or_else(|| missing("threads"))?,
+            seconds: part("seconds").and_then(Value::as_f64).ok_or_else(|| missing("seconds"))?,
+            threads: part("threads").and_then(whole).ok_or_else(|| missing("threads"))?,
             build: text("build"),
             mesh: text("mesh"),
             figures: part("report").map(|r| figures(r).ok_or_else(|| missing("report"))).transpose()?,
@@ -146,26 +146,30 @@ impl Record {
     }
 }
 
-fn form(json: &Json) -> Option<Form> {
+fn whole(json: &Value) -> Option<usize> {
+    json.as_u64()?.try_into().ok()
+}
+
+fn form(json: &Value) -> Option<Form> {
     Some(Form {
-        components: json.get("components")?.whole()?,
-        genus: json.get("genus").and_then(Json::whole),
-        closed: json.get("closed")?.truth()?,
-        oriented: json.get("oriented")?.truth()?,
+        components: whole(json.get("components")?)?,
+        genus: json.get("genus").and_then(Value::as_i64),
+        closed: json.get("closed")?.as_bool()?,
+        oriented: json.get("oriented")?.as_bool()?,
     })
 }
 
-fn figures(report: &Json) -> Option<Figures> {
+fn figures(report: &Value) -> Option<Figures> {
     let metrics = report.get("metrics")?;
-    let number = |key: &str| metrics.get(key)?.number();
+    let number = |key: &str| metrics.get(key)?.as_f64();
     Some(Figures {
         cd_l1: number("cd_l1")?,
         cd_l2: number("cd_l2")?,
         nc: number("nc"),
         hd: number("hd")?,
         // At half, once and twice the threshold.
-        f: metrics.get("fscores")?.list()?.get(1)?.get("f")?.number()?,
-        floor: report.get("floor").and_then(|f| f.get("cd_l1")?.number()),
+        f: metrics.get("fscores")?.get(1)?.get("f")?.as_f64()?,
+        floor: report.get("floor").and_then(|f| f.get("cd_l1")?.as_f64()),
     })
 }
 
@@ -205,10 +209,10 @@ pub mod tests {
         let text = line(&job, &outcome, &machine, MEASURE);
         assert!(!text.contains('\n'));
         let read = Record::read(&text).unwrap();
-        let json = Json::parse(&text).unwrap();
-        assert_eq!(json.get("shape").unwrap().text(), Some("a \"b\""));
-        assert_eq!(json.get("setting").unwrap().text(), Some("multiple:3"));
-        assert_eq!(json.get("seed").unwrap().whole(), Some(u64::MAX));
+        let json: Value = serde_json::from_str(&text).unwrap();
+        assert_eq!(json["shape"], "a \"b\"");
+        assert_eq!(json["setting"], "multiple:3");
+        assert_eq!(json["seed"], u64::MAX);
         let form = Form { components: 1, genus: Some(0), closed: true, oriented: true };
         let m = &report.metrics;
         let figures = Figures {
