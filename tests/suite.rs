@@ -168,10 +168,28 @@ fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
     for key in ["fingerprint", "report", "result_topology"] {
         assert_eq!(by_shape(&one, "cube_60").at(key), by_shape(&two, "cube_60").at(key));
     }
-    let mesh = |to: &Path| fs::read(to.join("meshes/default/cube_60_s0.ply")).unwrap();
+    let mesh = |to: &Path| fs::read(to.join(by_shape(to, "cube_60").at("mesh").text())).unwrap();
     assert_eq!(mesh(&one), mesh(&two));
     let table = fs::read_to_string(one.join("table.md")).unwrap();
     assert!(table.contains("- **flat**, seed 0: ") && table.contains("in one plane"), "{table}");
+}
+
+#[test]
+fn other_options_do_not_replace_the_meshes_of_earlier_runs() {
+    let dir = Dir::new("suite-options");
+    let (data, to) = (data(&dir), dir.path("out"));
+    let args = ["--shapes", "cube", "--no-sheets", "--quiet"];
+    run(suite(&data, &to).args(args), 0);
+    let meshes = || -> Vec<Vec<u8>> {
+        lines(&to).iter().map(|line| fs::read(to.join(line.at("mesh").text())).unwrap()).collect()
+    };
+    let first = meshes();
+    run(suite(&data, &to).args(args).args(["--resolution", "24"]), 0);
+    let both = meshes();
+    assert_eq!((both.len(), &both[0]), (2, &first[0]));
+    assert_ne!(both[0], both[1]);
+    run(suite(&data, &to).args(args), 0);
+    assert_eq!(meshes(), both);
 }
 
 #[test]

@@ -72,7 +72,7 @@ enum FrameArg {
 
 fn protocol_parser() -> impl TypedValueParser<Value = Protocol> {
     PossibleValuesParser::new(Protocol::ALL.map(Protocol::name))
-        .map(|name| Protocol::ALL.into_iter().find(|p| p.name() == name).expect("a listed name"))
+        .map(|name| name.parse().expect("a listed name"))
 }
 
 impl EvaluateArgs {

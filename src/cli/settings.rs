@@ -30,8 +30,7 @@ pub struct Settings {
 
 /// Parses the name of a preset and lists the names in the help.
 pub fn preset_parser() -> impl TypedValueParser<Value = Preset> {
-    PossibleValuesParser::new(Preset::ALL.map(|p| p.name()))
-        .map(|name| Preset::ALL.into_iter().find(|p| p.name() == name).expect("a listed name"))
+    PossibleValuesParser::new(Preset::ALL.map(|p| p.name())).map(|name| name.parse().expect("a listed name"))
 }
 
 impl Settings {
@@ -77,8 +76,7 @@ impl Settings {
 
 /// The preset of a name in a file.
 pub fn named_preset(value: &Value) -> Result<Preset, Error> {
-    let name = value.as_str().unwrap_or_default();
-    Preset::ALL.into_iter().find(|p| p.name() == name).ok_or_else(|| {
+    value.as_str().unwrap_or_default().parse().map_err(|_| {
         let names = Preset::ALL.map(|p| p.name()).join(", ");
         Error::new(ErrorKind::Config, format!("{value} is no preset"))
             .at_element("preset")

@@ -2,7 +2,7 @@
 
 use super::metrics::{Metrics, Samples, compare_samples, compare_surfaces};
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{Bounds, Normalizer, TriangleBvh, TriangleMesh, sample_surface};
+use crate::geometry::{Bounds, Normalizer, TriangleBvh, TriangleMesh, sample_surface, usable};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -132,7 +132,12 @@ pub struct Report {
 ///
 /// # Errors
 /// [`ErrorKind::NoSurface`] if the prediction has no face, [`ErrorKind::Data`] if either surface is unusable (which one
-/// is said), [`ErrorKind::Config`] if a number of samples is 0 or the threshold is not positive.
+/// is said), as where it is farther than 1e18 units of the frame from the origin, [`ErrorKind::Config`] if a number of
+/// samples is 0 or the threshold is not positive.
+///
+/// # Panics
+/// If a cloud has normals, but not one a point.
+#[track_caller]
 pub fn evaluate(gt: GroundTruth<'_>, pred: &TriangleMesh, options: &Options) -> Result<Report, Error> {
     evaluate_with_scan(gt, pred, None, options)
 }
@@ -144,6 +149,10 @@ pub fn evaluate(gt: GroundTruth<'_>, pred: &TriangleMesh, options: &Options) -> 
 ///
 /// # Errors
 /// As [`evaluate`].
+///
+/// # Panics
+/// As [`evaluate`].
+#[track_caller]
 pub fn evaluate_with_scan(
     gt: GroundTruth<'_>,
     pred: &TriangleMesh,
@@ -233,6 +242,7 @@ struct Side {
 impl Side {
     fn of_mesh(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Side, Error> {
         let samples = sample_surface(mesh, count, seed)?;
+        within_reach(&samples.points)?;
         Ok(Side { points: samples.points, normals: Some(samples.normals) })
     }
 
@@ -256,11 +266,23 @@ impl Side {
             }
         }
         let (points, normals) = subset(&frame.forward(points), normals, most, seed);
+        within_reach(&points)?;
         Ok(Side { points, normals: normals.map(|n| n.into_iter().map(unit).collect()) })
     }
 
     fn samples(&self) -> Samples<'_> {
         Samples::new(&self.points, self.normals.as_deref())
+    }
+}
+
+/// Refuses points that are too far out for their squared distances.
+fn within_reach(points: &[[f32; 3]]) -> Result<(), Error> {
+    match points.iter().find(|p| !usable(p)) {
+        None => Ok(()),
+        Some(p) => {
+            Err(Error::new(ErrorKind::Data, format!("it reaches to {p:?}, in units of the comparison"))
+                .advise("remove what is far away, or check the units of both files"))
+        }
     }
 }
 
@@ -458,7 +480,9 @@ mod tests {
         assert_eq!(evaluate(gt, &empty, &o).unwrap_err().kind(), ErrorKind::NoSurface);
         for frame in [Frame::AsIs, Frame::GroundTruthUnit] {
             let o = Options { frame, ..o };
-            for mesh in [&bad, &missing] {
+            let mut far = good.clone();
+            far.verts.iter_mut().flatten().for_each(|x| *x *= 1e19);
+            for mesh in [&bad, &missing, &far] {
                 let e = evaluate(gt, mesh, &o).unwrap_err();
                 assert!(e.kind() == ErrorKind::Data && e.to_string().contains("prediction"), "{e}");
             }

@@ -18,8 +18,8 @@ const SMOOTHINGS: [f64; 5] = [1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
 /// one does. Normals that follow the points as closely as the surface make it foresee their noise; those of too smooth a
 /// surface know nothing of thin parts.
 const REFERENCE: usize = 2;
-/// Standard errors by which smoothing must predict better than none: were it no better, this would happen twice in a
-/// hundred times. Of 30 exact clouds none passed, of the same with a scatter of 0.005 eighteen.
+/// Standard errors by which the best smoothing must predict better than none. No level of significance, as the best of
+/// several is taken: of 30 exact clouds none passed, of the same with a scatter of 0.005 eighteen.
 const SURE: f64 = 2.0;
 /// Moves below this root of the mean square are not worth making; a very smooth surface through exact points is one
 /// that smoothing finds, too.
@@ -36,10 +36,11 @@ pub struct Denoised {
 
 /// The points (n x 3, working frame) without their noise, given rough outward normals (n x 3).
 ///
-/// Each point is predicted from all others by thin plates with several smoothing parameters, with the normals of the
-/// smoothest of them. Unless one of the parameters has a mean error below that without smoothing by two standard errors
-/// of the difference, the points are returned as they are. Otherwise they move onto the least smooth surface whose mean
-/// error is within one standard error of the least. Clouds whose size is not in [`DENOISED_POINTS`], and such as would
+/// Each point is predicted from all others by a thin plate through them and by smoothing ones with parameters up to 1e-4,
+/// all with the normals of the smoothest; where that one is chosen, the next one, and after it the last (1e-3), is tried
+/// in the same way. Unless the least mean error is below that without smoothing by two standard errors of the
+/// difference, the points are returned as they are. Otherwise they move onto the least smooth surface whose mean error is
+/// within one standard error of the least. Clouds whose size is not in [`DENOISED_POINTS`], and such as would
 /// move by less than 1e-4, are returned as they are, too.
 ///
 /// # Panics

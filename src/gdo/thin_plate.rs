@@ -51,8 +51,8 @@ impl ThinPlate {
         Ok(each.pop().expect("one guess, one function"))
     }
 
-    /// As [`fit`](Self::fit) from each of several guesses of the normals (each n x 3), in their order: the minimum of the bending that a search ends
-    /// in depends on where it starts. What the guesses share is computed once.
+    /// As [`fit`](Self::fit) from each of several guesses of the normals (each n x 3), in their order: the minimum of
+    /// the bending that a search ends in depends on where it starts. What the guesses share is computed once.
     ///
     /// # Errors
     /// As [`fit`](Self::fit).
@@ -328,6 +328,27 @@ mod tests {
             let want = naive(&plate, x.map(f64::from)).0;
             assert!((f64::from(*got) - want).abs() < 1e-6 * want.abs().max(1.0), "{got} is not {want}");
         }
+    }
+
+    #[test]
+    fn even_points_are_missed_by_little() {
+        let points = sphere(300, 0.5);
+        let plate = ThinPlate::fit(&points, &sphere(300, 1.0), 0).unwrap();
+        let worst = plate.sdf(&points).into_iter().fold(0.0f32, |m, f| m.max(f.abs()));
+        assert!(worst < 2e-5, "{worst}");
+    }
+
+    #[test]
+    fn several_guesses_give_what_each_gives_alone() {
+        let points = sphere(60, 0.4);
+        let right = sphere(60, 1.0);
+        let turned: Vec<[f32; 3]> = right.iter().map(|n| n.map(|x| -x)).collect();
+        let both = ThinPlate::fit_each(&points, &[&right, &turned], 0).unwrap();
+        let probes = sphere(30, 0.3);
+        for (plate, normals) in both.iter().zip([&right, &turned]) {
+            assert_eq!(plate.sdf(&probes), ThinPlate::fit(&points, normals, 0).unwrap().sdf(&probes));
+        }
+        assert!(both[0].sdf(&probes)[0] < 0.0 && both[1].sdf(&probes)[0] > 0.0);
     }
 
     #[test]

@@ -144,7 +144,8 @@ fn widen(dist_sq: f32) -> f32 {
     (dist_sq * SLACK + f32::MIN_POSITIVE).min(f32::MAX)
 }
 
-pub(super) fn usable(p: &[f32; 3]) -> bool {
+/// Whether distances to the point can be compared: every coordinate is finite and at most 1e18 in size.
+pub fn usable(p: &[f32; 3]) -> bool {
     p.iter().all(|x| x.abs() <= MAX_COORDINATE)
 }
 

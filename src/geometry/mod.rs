@@ -22,6 +22,7 @@ pub use bounds::{Bounds, Normalizer};
 pub use bvh::{SurfaceHit, TriangleBvh};
 pub use cloud::{CleanCloud, clean_cloud};
 pub use knn::KdTree;
+pub(crate) use knn::usable;
 pub use marching::{BandTopology, Isosurface, march};
 pub use mesh::TriangleMesh;
 pub use narrow_band::{ActiveSet, FieldFn, NarrowBandOptions, active_set, extract, interpolate};

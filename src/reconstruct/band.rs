@@ -3,6 +3,7 @@
 #[cfg(feature = "checkpoint")]
 use super::Phase;
 use super::Trainer;
+use super::scale::MOST_RESOLUTION;
 use super::step::Sampled;
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
@@ -40,11 +41,12 @@ pub(super) struct Band {
     pub topology: BandTopology,
 }
 
-/// The lattice that the search starts from is not finer than this, however fine the grid is.
-const COARSEST: usize = 32;
+/// Cubes along each side of the lattice that the search starts from, at most.
+const MOST_COARSE_CUBES: usize = 32;
 
-/// What a grid is made finer by at most, and the resolution that this does not take it beyond.
-const FINEST: (f64, f64) = (4.0, 512.0);
+/// What a grid is made finer by at most, and the resolution that this does not take it beyond: that of the finest grid
+/// for large clouds, too, whose steps would become many times dearer.
+const FINEST: (f64, f64) = (4.0, MOST_RESOLUTION.1);
 
 /// A resolution, a multiple of 4, at which a surface crosses as many cubes as one `ratio` times as large does at the
 /// given one; not coarser.
@@ -88,7 +90,7 @@ impl Trainer {
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
         // Half the resolution: what is thinner and not near the cloud no point asks for.
         let options = NarrowBandOptions {
-            coarse_resolution: (resolution / 2).clamp(1, COARSEST),
+            coarse_resolution: (resolution / 2).clamp(1, MOST_COARSE_CUBES),
             seeds: &self.cloud,
             ..Default::default()
         };
@@ -149,8 +151,9 @@ mod tests {
             (48, f64::NAN, 48),
             (48, f64::INFINITY, 192),
             (48, 100.0, 192),
-            (300, 16.0, 512),
-            (600, 16.0, 600),
+            (64, 16.0, 192),
+            (160, 16.0, 192),
+            (300, 16.0, 300),
             (10, 1.01, 12),
         ] {
             assert_eq!(finer(resolution, ratio), want, "{resolution} {ratio}");

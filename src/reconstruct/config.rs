@@ -13,9 +13,9 @@ pub enum StartShape {
     Sphere,
     /// The surface that the parametric Gauss formula finds among the points (Lin et al. 2022), fitted by regression.
     Gauss,
-    /// The surface of least bending through the points (after Huang et al. 2019), its normals first guessed by the
-    /// Gauss formula, whose surface it takes over where no point is near. For clouds of more than 1,024 points it is
-    /// that of the Gauss formula.
+    /// The surface of least bending through the points, or through 500 evenly spread ones if there are more (after Huang
+    /// et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is kept where no point is near.
+    /// For clouds of more than 1,024 points it is that of the Gauss formula.
     Plate,
 }
 
@@ -94,7 +94,7 @@ pub struct Band {
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Batch {
     /// A cloud of more than `points` points is thinned first, to one in each cube of this many times the spacing of
-    /// the finest grid's vertices; 0 keeps them all. Default 0.25.
+    /// the vertices of the finest grid in `stages`, before `reference_area`; 0 keeps them all. Default 0.25.
     pub thin: f32,
     /// Points of the cloud in a step, at most; drawn window by window from one fixed permutation. Default 4096.
     pub points: usize,
@@ -141,7 +141,7 @@ pub struct Config {
     /// Resolutions and steps of the training, in order.
     pub stages: Vec<Stage>,
     /// The area, in the working frame, of a first shape for which `stages` give the resolutions. A smaller one has the
-    /// grid finer by the root of the ratio, up to 4 times and 512 cubes: as fine against the spacing of the points, and
+    /// grid finer by the root of the ratio, up to 4 times and 192 cubes: as fine against the spacing of the points, and
     /// as many cubes that the surface crosses. Default 2.2; 0 takes the same grid for all, as the paper does.
     pub reference_area: f64,
     /// The active part of the grid.

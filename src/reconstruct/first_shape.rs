@@ -57,8 +57,8 @@ impl FirstShape {
             _ => std::slice::from_ref(&start.width),
         };
         let mut rough = gauss_shapes(cloud, widths, start.regularity, seed)?;
-        let best = best_fitting(&rough, cloud, seed)?;
         let cloud = if config.denoise && DENOISED_POINTS.contains(&cloud.len()) {
+            let best = best_fitting(&rough, cloud, seed)?;
             denoise(cloud, &TriangleBvh::new(&rough[best])?.normals_near(cloud))
         } else {
             Denoised { points: cloud.to_vec(), moved: 0.0 }
@@ -72,7 +72,7 @@ impl FirstShape {
         let mesh = match plates {
             Some(mut plates) => plates.swap_remove(best_fitting(&plates, &cloud.points, seed)?),
             // Points that determine no surface of least bending still have the rough ones.
-            None => rough.swap_remove(best),
+            None => rough.swap_remove(best_fitting(&rough, &cloud.points, seed)?),
         };
         Self::of(&mesh, cloud, seed, samples).map(Some)
     }

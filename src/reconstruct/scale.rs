@@ -6,8 +6,8 @@ use super::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
 /// What grid resolutions grow by at most, and the resolution that the finest does not grow beyond.
-const MOST_RESOLUTION: (f64, f64) = (6.0, 192.0);
-/// Width of the field for the usual sizes, and the width that it does not grow beyond.
+pub(super) const MOST_RESOLUTION: (f64, f64) = (6.0, 192.0);
+/// Width that the rule starts from, and the width that it does not make a field grow beyond; wider ones stay.
 const WIDTHS: (f64, usize) = (64.0, 128);
 /// Octaves that are added at most.
 const MOST_OCTAVES: usize = 3;
@@ -23,7 +23,7 @@ impl Config {
     ///
     /// | option | rule | because |
     /// |---|---|---|
-    /// | resolution of each stage | times s^(1/2), at most 6 times, the finest up to 192 | a grid finer than the points resolves nothing, and the spacing of points on a surface falls with s^(1/2); a step's time and memory grow with the square |
+    /// | resolution of each stage | times s^(1/2), at most 6 times, the finest up to 192 (`reference_area` comes on top, also up to 192) | a grid finer than the points resolves nothing, and the spacing of points on a surface falls with s^(1/2); a step's time and memory grow with the square |
     /// | `field.width` | at least 64 s^(1/3), up to 128 | a network of 64 smooths a street of 14,623 points to a blob, on a fine grid just as on a coarse one |
     /// | `field.octaves` | log2(s) / 2 more, at most 3 | an octave for each halving of the detail |
     /// | `surface_samples` | times s, at most 8 times | as many as a step sees points, and more |

@@ -42,9 +42,11 @@ impl Job<'_> {
         Config { seed: self.seed, ..self.setting.config.clone() }
     }
 
-    /// The file of the mesh, below the directory of the results.
+    /// The file of the mesh, below the directory of the results. The beginning of the fingerprint keeps apart what runs
+    /// with other options, or on another cloud of that name, have left there.
     pub fn mesh_file(&self) -> String {
-        format!("meshes/{}/{}_s{}.ply", self.setting.file_name(), self.shape.name, self.seed)
+        let print = &self.fingerprint[..self.fingerprint.len().min(8)];
+        format!("meshes/{}/{}_s{}_{print}.ply", self.setting.file_name(), self.shape.name, self.seed)
     }
 }
 
@@ -234,7 +236,8 @@ pub mod tests {
         );
         let same: Vec<_> = settings.iter().map(|s| plan.same_as(s).map(|s| s.name.as_str())).collect();
         assert_eq!(same, [None, Some("default"), None, None]);
-        assert_eq!(plan.jobs[0].mesh_file(), "meshes/default/a_s0.ply");
+        let print = &plan.jobs[0].fingerprint[..8];
+        assert_eq!(plan.jobs[0].mesh_file(), format!("meshes/default/a_s0_{print}.ply"));
         fs::remove_dir_all(dir).unwrap();
     }
 }

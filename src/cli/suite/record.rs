@@ -229,7 +229,7 @@ pub mod tests {
             seconds: 1.25,
             threads: 2,
             build: Some("1234".into()),
-            mesh: Some(format!("meshes/multiple-3/a \"b\"_s{}.ply", u64::MAX)),
+            mesh: Some(format!("meshes/multiple-3/a \"b\"_s{}_f00.ply", u64::MAX)),
             figures: Some(figures),
             result: Some(form),
             truth: Some(form),

@@ -121,7 +121,7 @@ impl Wanted<'_> {
             input =
                 Change { points: own.input.points.or(input.points), noise: own.input.noise.or(input.noise) };
             own.options.clone()
-        } else if let Some(preset) = Preset::ALL.into_iter().find(|p| p.name() == name) {
+        } else if let Ok(preset) = name.parse::<Preset>() {
             config = self.base(Some(preset))?;
             let ours = Ablation { name: preset.name(), row: Some("Ours"), published: Some(OURS) };
             ablation = (name == base_name).then_some(ours);
