@@ -18,6 +18,7 @@ pub use denoise::{DENOISED_POINTS, Denoised, denoise};
 pub use faces::sample_faces;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use gauss::GaussField;
+pub(crate) use gauss::spacing;
 pub use pass::{FieldPass, FieldValues};
 pub use start::{ShapeFit, ShapeFitStep, USUAL_AREA, best_fitting, gauss_shape, gauss_shapes, plate_shapes};
 pub use thin_plate::ThinPlate;

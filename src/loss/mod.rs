@@ -8,5 +8,5 @@ mod surface_distance;
 
 pub use chamfer::Direction;
 pub use pull::pull;
-pub use surface::{eikonal, mean_abs};
+pub use surface::{eikonal, inside, mean_abs};
 pub use surface_distance::surface_distance;

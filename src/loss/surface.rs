@@ -11,6 +11,16 @@ pub fn mean_abs(tape: &mut Tape, sdf: Var) -> Var {
     tape.mean(magnitude)
 }
 
+/// The mean of max(0, g + d): what points lack of being at least d inside; not in the paper.
+///
+/// Shapes: `sdf` and `depth` v x 1 to 1 x 1, in units of the working frame. Gradient: 1 / v over v where g > -d, and 0
+/// elsewhere.
+pub fn inside(tape: &mut Tape, sdf: Var, depth: Var) -> Var {
+    let above = tape.add(sdf, depth);
+    let lack = tape.relu(above);
+    tape.mean(lack)
+}
+
 /// The mean of (|grad g| - 1)^2, which keeps the field a distance (Gropp et al. 2020); not in the paper.
 ///
 /// Shapes: `gradient` v x 3 to 1 x 1. Gradient: smooth except where grad g is 0, where it is taken as 0.
@@ -36,6 +46,7 @@ mod tests {
         fn gradients(n in 1usize..20, seed: u64) {
             check(|t, x| mean_abs(t, x[0]), &[normal(&[n, 1], seed)], seed);
             check(|t, x| eikonal(t, x[0]), &[normal(&[n, 3], seed)], seed);
+            check(|t, x| inside(t, x[0], x[1]), &[normal(&[n, 1], seed), normal(&[n, 1], seed ^ 1)], seed);
         }
     }
 
@@ -48,5 +59,8 @@ mod tests {
         let s = t.constant(Tensor::from_vec(&[2, 1], vec![-3.0, 1.0]));
         let y = mean_abs(&mut t, s);
         assert_eq!(t.value(y).item(), 2.0);
+        let depth = t.constant(Tensor::from_vec(&[2, 1], vec![2.0, 0.5]));
+        let y = inside(&mut t, s, depth);
+        assert_eq!(t.value(y).item(), 0.75);
     }
 }

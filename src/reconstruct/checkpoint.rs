@@ -1,5 +1,6 @@
 //! Saving a run or its result, and taking it up again.
 
+use super::bridges::Bridges;
 use super::store::{Checksum, Store, damaged};
 use super::trainer::{Learned, RECOVERIES, Snapshot, blank_field, prepare};
 use super::{Config, Preset, Reconstruction, Trainer};
@@ -13,7 +14,9 @@ use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const CHECKPOINT: &str = "checkpoint 2";
+const CHECKPOINT: &str = "checkpoint 3";
+/// Points and depths of the bridges, m x 4.
+const BRIDGES: &str = "bridges";
 const RECONSTRUCTION: &str = "reconstruction 1";
 
 impl Trainer {
@@ -47,7 +50,11 @@ impl Trainer {
                     .advise("resume with the points that the run was started with"));
             }
             let mut trainer = Trainer::blank(prepared);
-            store.check_tensors(&trainer.to_store().tensors)?;
+            let mut expected = trainer.to_store().tensors;
+            let rows = store.tensors.get(BRIDGES).map_or(0, Tensor::rows);
+            expected.insert(BRIDGES.into(), Tensor::zeros(&[rows, 4]));
+            store.check_tensors(&expected)?;
+            trainer.bridges = read_bridges(&store.tensors[BRIDGES])?;
             trainer.recoveries = store.parse("recoveries")?;
             if trainer.recoveries > RECOVERIES {
                 return Err(damaged(format!("{} recoveries", trainer.recoveries)));
@@ -74,6 +81,9 @@ impl Trainer {
         store.put("recoveries", self.recoveries);
         put_snapshot(&mut store, "now", &self.snapshot());
         put_snapshot(&mut store, "good", &self.good);
+        let bridges = self.bridges.points.iter().zip(&self.bridges.depths);
+        let rows: Vec<f32> = bridges.flat_map(|(p, &depth)| [p[0], p[1], p[2], depth]).collect();
+        store.tensors.insert(BRIDGES.into(), Tensor::from_vec(&[rows.len() / 4, 4], rows));
         store
     }
 }
@@ -171,6 +181,17 @@ fn check_config(store: &Store, config: &Config) -> Result<(), Error> {
         }
     }
     Ok(())
+}
+
+fn read_bridges(tensor: &Tensor) -> Result<Bridges, Error> {
+    if !tensor.is_finite() {
+        return Err(damaged("its bridges are not finite"));
+    }
+    let rows = tensor.data().as_chunks::<4>().0;
+    Ok(Bridges {
+        points: rows.iter().map(|r| [r[0], r[1], r[2]]).collect(),
+        depths: rows.iter().map(|r| r[3]).collect(),
+    })
 }
 
 /// The number of points and a checksum of their bits.
@@ -280,6 +301,38 @@ mod tests {
                 assert!(bits(&resumed.finish()) == straight, "stopped at step {stop}");
             }
         }
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn bridges_are_kept() {
+        let points = ball(60);
+        let path = file("bridges");
+        let mut trainer = Trainer::new(&points, &tiny()).unwrap();
+        for _ in 0..37 {
+            trainer.step().unwrap();
+        }
+        let clear = trainer.to_store();
+        trainer.bridges = Bridges { points: vec![[0.7, 0.1, 0.0], [0.6, 0.2, 0.1]], depths: vec![0.05, 0.1] };
+        trainer.save_checkpoint(&path).unwrap();
+        let mut resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
+        assert_eq!(resumed.bridges, trainer.bridges);
+        let end = |trainer: &mut Trainer| {
+            while !trainer.is_done() {
+                trainer.step().unwrap();
+            }
+            trainer.to_store().tensors
+        };
+        let with = end(&mut trainer);
+        assert!(end(&mut resumed) == with);
+        clear.write(&path).unwrap();
+        assert!(end(&mut Trainer::resume(&path, &points, &tiny()).unwrap()) != with);
+
+        let mut bad = clear;
+        bad.tensors.insert(BRIDGES.into(), Tensor::from_vec(&[1, 4], vec![f32::NAN; 4]));
+        bad.write(&path).unwrap();
+        let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
+        assert!(error.kind() == ErrorKind::Checkpoint && error.to_string().contains("bridges"), "{error}");
         std::fs::remove_file(path).unwrap();
     }
 

@@ -69,6 +69,9 @@ pub struct Weights {
     pub pull: f32,
     /// The mean squared distance from each point of the cloud to the extracted surface.
     pub cover: f32,
+    /// What points on straight lines from the largest part of the surface to loose ones lack of being inside, on the
+    /// average: where the gap is no wider than the spacing of the points, in the last third of the training.
+    pub bridge: f32,
 }
 
 /// A part of the training, at one grid resolution.
@@ -263,6 +266,7 @@ impl Config {
             ("weights.points", w.points),
             ("weights.pull", w.pull),
             ("weights.cover", w.cover),
+            ("weights.bridge", w.bridge),
         ] {
             not_negative(key, f64::from(weight))?;
         }

@@ -8,6 +8,7 @@
 //! Two [phases](Phase) of quicker steps come first: the field learns a first shape, and S is trained alone.
 
 mod band;
+mod bridges;
 #[cfg(feature = "checkpoint")]
 mod checkpoint;
 mod config;

@@ -4,7 +4,7 @@ use super::{Config, Target};
 use crate::autodiff::{Tape, Var};
 use crate::gdo::FieldVars;
 use crate::geometry::TriangleBvh;
-use crate::loss::{Direction, eikonal, mean_abs, pull, surface_distance};
+use crate::loss::{Direction, eikonal, inside, mean_abs, pull, surface_distance};
 
 /// What the terms are taken on.
 pub(super) struct Scene<'a> {
@@ -18,6 +18,8 @@ pub(super) struct Scene<'a> {
     pub gradient: Var,
     /// g at the cloud, if a term asks for it.
     pub cloud_sdf: Option<Var>,
+    /// g at the bridges, and how far inside they are to be, if there are any.
+    pub bridges: Option<(Var, Var)>,
     /// Moved vertices, v x 3.
     pub moved: Var,
     /// Vertices of the extracted surface.
@@ -45,6 +47,7 @@ pub(super) struct Terms {
     pub points: f32,
     pub pull: f32,
     pub cover: f32,
+    pub bridge: f32,
 }
 
 /// The weighted sum of all terms that have a weight (equation 7 of the paper and what is added to it).
@@ -85,6 +88,7 @@ pub(super) fn add_terms(tape: &mut Tape, config: &Config, progress: f32, scene: 
                 Some(tree) => surface_distance(t, scene.crossings, scene.faces, tree, scene.cloud),
             })
         }),
+        bridge: sum.add(w.bridge, |t| scene.bridges.map(|(sdf, depth)| inside(t, sdf, depth))),
     };
     (sum.loss.expect("validated: some term has a weight"), terms)
 }

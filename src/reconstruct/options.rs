@@ -71,6 +71,7 @@ const ENTRIES: &[Entry] = entries! {
     "weights.points" => weights.points;
     "weights.pull" => weights.pull;
     "weights.cover" => weights.cover;
+    "weights.bridge" => weights.bridge;
     "stages" => stages;
     "reference_area" => reference_area;
     "band.refresh" => band.refresh;

@@ -155,6 +155,7 @@ fn default() -> Config {
             points: 0.02,
             pull: 0.0,
             cover: 1.0,
+            bridge: 0.01,
         },
         stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 200 }],
         reference_area: USUAL_AREA,
@@ -186,6 +187,7 @@ const NO_WEIGHTS: Weights = Weights {
     points: 0.0,
     pull: 0.0,
     cover: 0.0,
+    bridge: 0.0,
 };
 
 #[cfg(test)]

@@ -49,6 +49,8 @@ pub struct StepReport {
     pub pull: f32,
     /// The squared distance from the cloud to the surface.
     pub cover: f32,
+    /// What bridges over gaps lack of being inside.
+    pub bridge: f32,
     /// Learning rate of the field; 0 in steps of the pretraining.
     pub field_rate: f32,
     /// Learning rate of the parameterization, in steps that train it; 0 in steps of the start.
@@ -68,7 +70,7 @@ pub struct StepReport {
 
 impl StepReport {
     /// The terms of the loss by name, before their weights; 0 where the weight is 0.
-    pub fn terms(&self) -> [(&'static str, f32); 8] {
+    pub fn terms(&self) -> [(&'static str, f32); 9] {
         [
             ("para", self.para),
             ("deform", self.deform),
@@ -78,6 +80,7 @@ impl StepReport {
             ("eikonal", self.eikonal),
             ("surf", self.surf),
             ("pull", self.pull),
+            ("bridge", self.bridge),
         ]
     }
 }
@@ -94,8 +97,10 @@ pub(super) struct View {
 
 /// The field as a step sees it.
 pub(super) struct Sampled {
-    /// At the active vertices, then at the seen points of the cloud if a term asks for them.
+    /// At the active vertices, then at the seen points of the cloud if a term asks for them, then at the bridges.
     pub values: FieldValues,
+    /// Rows before those of the bridges.
+    without_bridges: usize,
     /// Rows that were raised on the border.
     raised: Vec<u32>,
 }
@@ -122,6 +127,7 @@ impl Trainer {
     /// One iteration of the training proper. On an error the parameters are as before it; what it worked with is not.
     pub(super) fn try_step(&mut self) -> Result<StepReport, Error> {
         let began = Instant::now();
+        self.look_for_gaps()?;
         let refreshed = self.refresh_band()?;
         let view = self.view();
         let sampled = self.sample_field(&view)?;
@@ -177,6 +183,8 @@ impl Trainer {
         if self.config.weights.points > 0.0 || self.config.weights.eikonal > 0.0 {
             verts.extend_from_slice(&view.points);
         }
+        let without_bridges = verts.len();
+        verts.extend_from_slice(&self.bridges.points);
         let mut values = pass.forward(&self.field, &verts, tape.pool());
         let finite = values.sdf.is_finite() && values.gradient.is_finite();
         if !finite || values.offset.as_ref().is_some_and(|o| !o.is_finite()) {
@@ -188,7 +196,7 @@ impl Trainer {
         for &i in &raised {
             sdf[i as usize] = band.outside;
         }
-        Ok(Sampled { values, raised })
+        Ok(Sampled { values, without_bridges, raised })
     }
 
     /// Puts the step on the tape: moved vertices, surface, target, and the loss.
@@ -204,7 +212,7 @@ impl Trainer {
             gradient: tape.input(sampled.values.gradient.clone()),
             offset: sampled.values.offset.clone().map(|o| tape.input(o)),
         };
-        let rows = tape.value(all.sdf).rows();
+        let (seen, rows) = (sampled.without_bridges, tape.value(all.sdf).rows());
         let at_verts = FieldVars {
             sdf: tape.slice_rows(all.sdf, 0..v),
             gradient: tape.slice_rows(all.gradient, 0..v),
@@ -248,8 +256,12 @@ impl Trainer {
             verts: &band.verts,
             faces: &iso.faces,
             field: at_verts,
-            cloud_sdf: (rows > v && self.config.weights.points > 0.0)
-                .then(|| tape.slice_rows(all.sdf, v..rows)),
+            cloud_sdf: (seen > v && self.config.weights.points > 0.0)
+                .then(|| tape.slice_rows(all.sdf, v..seen)),
+            bridges: (rows > seen).then(|| {
+                let depths = Tensor::from_vec(&[rows - seen, 1], self.bridges.depths.clone());
+                (tape.slice_rows(all.sdf, seen..rows), tape.constant(depths))
+            }),
             gradient: all.gradient,
             moved,
             crossings,
@@ -304,6 +316,7 @@ impl Trainer {
             points: terms.points,
             pull: terms.pull,
             cover: terms.cover,
+            bridge: terms.bridge,
             field_rate: self.caution() * field_rate.rate_at(step, total),
             bsp_rate: self.caution() * bsp_rate.rate_at(step, total),
             gradient_norm: 0.0,

@@ -1,6 +1,7 @@
 //! Training in progress: what it consists of, how it starts, and how it comes back when a step goes wrong.
 
 use super::band::Workspace;
+use super::bridges::Bridges;
 use super::first_shape::FirstShape;
 use super::step::StepReport;
 use super::{Config, Phase, Reconstruction};
@@ -115,6 +116,8 @@ pub struct Trainer {
     /// What the field and S learn first; none where the field starts as a sphere. It follows from the cloud and the
     /// options.
     pub(super) shape: Option<FirstShape>,
+    /// What is to be inside, so that near parts of the surface stay joined.
+    pub(super) bridges: Bridges,
     /// Steps done, of all phases.
     pub(super) step: usize,
     /// The last kept state whose loss and gradients were finite; in the training proper that of the last refresh of
@@ -174,6 +177,7 @@ impl Trainer {
             map_adam,
             surface,
             shape: None,
+            bridges: Bridges::default(),
             step: 0,
             good,
             recoveries: 0,

@@ -1,0 +1,168 @@
+//! Bridges over gaps that the points cannot tell from a joint.
+//!
+//! A thin leg or the neck of a lamp comes apart in the training where it has no point for a while, though its parts are
+//! nearer to each other than points are. Some times during the training the surface is taken as it would be in the end.
+//! Where a part is that near to the largest, or to one joined to it, points of the straight line between the two are asked
+//! to be inside from then on.
+
+use super::Trainer;
+use crate::error::{Error, ErrorKind};
+use crate::gdo::spacing;
+use crate::geometry::{NarrowBandOptions, TetGrid, TriangleMesh, extract, nearest_points};
+
+/// The widest gap that is bridged, in spacings of the points at its ends.
+const REACH: f64 = 1.0;
+/// How far inside a bridge is to be, in the same unit.
+const DEPTH: f64 = 0.1;
+/// Points of a bridge.
+const POINTS: usize = 8;
+/// Shares of the training after which gaps are looked for. The first leaves parts time to grow together by themselves,
+/// the last leaves the field time to follow.
+const LOOKS: [f64; 2] = [0.65, 0.8];
+/// Cubes along each side of the grid that the surface is taken from.
+const RESOLUTION: usize = 128;
+/// Parts that are looked at, the largest first: pairs of them are compared.
+const MOST_PARTS: usize = 32;
+
+/// What is to be inside.
+#[derive(Clone, Debug, Default, PartialEq)]
+pub(super) struct Bridges {
+    /// Points, m x 3, working frame.
+    pub points: Vec<[f32; 3]>,
+    /// How far inside each of them is to be, m.
+    pub depths: Vec<f32>,
+}
+
+impl Bridges {
+    /// Bridges from the largest part of `mesh` to those that are as near to it as points of the `cloud` (n x 3) are to each
+    /// other, from these to others as near, and so on, the nearest first.
+    pub fn over_gaps(mesh: &TriangleMesh, cloud: &[[f32; 3]]) -> Bridges {
+        let mut parts = mesh.split_components();
+        parts.sort_by(|a, b| b.area.total_cmp(&a.area));
+        parts.truncate(MOST_PARTS);
+        let mut bridges = Bridges::default();
+        if parts.len() < 2 {
+            return bridges;
+        }
+        let parts: Vec<Vec<[f32; 3]>> = parts.iter().map(|p| mesh.select_faces(&p.faces).verts).collect();
+        let spacing = spacing(cloud);
+        let mut gaps = Vec::new();
+        for (j, to) in parts.iter().enumerate() {
+            for (i, from) in parts[..j].iter().enumerate() {
+                let (nearest, dist_sq) = nearest_points(to, from);
+                let end = (0..to.len()).min_by(|&a, &b| dist_sq[a].total_cmp(&dist_sq[b]));
+                let end = end.expect("a part has vertices");
+                let ends = [from[nearest[end] as usize], to[end]];
+                let (owners, _) = nearest_points(&ends, cloud);
+                let unit = owners.iter().map(|&p| spacing[p as usize]).sum::<f64>() / 2.0;
+                gaps.push(Gap { parts: [i, j], ends, width: f64::from(dist_sq[end]).sqrt(), unit });
+            }
+        }
+        gaps.retain(|gap| gap.width <= REACH * gap.unit);
+        gaps.sort_by(|a, b| a.width.total_cmp(&b.width));
+        // From the largest part on: loose feet are joined to their legs, not to each other.
+        let mut joined = vec![false; parts.len()];
+        joined[0] = true;
+        while let Some(gap) = gaps.iter().find(|gap| joined[gap.parts[0]] != joined[gap.parts[1]]) {
+            gap.parts.iter().for_each(|&part| joined[part] = true);
+            bridges.add(gap);
+        }
+        bridges
+    }
+
+    fn add(&mut self, gap: &Gap) {
+        let [from, to] = gap.ends;
+        for i in 0..POINTS {
+            let t = i as f32 / (POINTS - 1) as f32;
+            self.points.push(std::array::from_fn(|k| from[k] + t * (to[k] - from[k])));
+            self.depths.push((DEPTH * gap.unit) as f32);
+        }
+    }
+}
+
+/// Two parts and where they are nearest to each other.
+struct Gap {
+    parts: [usize; 2],
+    ends: [[f32; 3]; 2],
+    width: f64,
+    /// The spacing of the points at its ends.
+    unit: f64,
+}
+
+impl Trainer {
+    /// Looks for gaps, if it is time to, and adds bridges over them.
+    pub(super) fn look_for_gaps(&mut self) -> Result<(), Error> {
+        let (step, steps) = (self.train_step(), self.config.steps_in(super::Phase::Train));
+        let due = LOOKS.iter().any(|share| (share * steps as f64) as usize == step && step > 0);
+        if self.config.weights.bridge == 0.0 || !due {
+            return Ok(());
+        }
+        let grid = TetGrid::working_frame(RESOLUTION)?;
+        let options = NarrowBandOptions { seeds: &self.cloud, ..Default::default() };
+        let mesh = match extract(&grid, &mut |x: &[[f32; 3]]| Ok(self.field.sdf(x)), &options) {
+            Ok(mesh) => mesh.keep_large(self.config.min_component),
+            // The step itself will say so, if its grid sees none either.
+            Err(e) if e.kind() == ErrorKind::NoSurface => return Ok(()),
+            Err(e) => return Err(e),
+        };
+        let found = Bridges::over_gaps(&mesh, &self.cloud);
+        self.bridges.points.extend(found.points);
+        self.bridges.depths.extend(found.depths);
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::fibonacci_sphere;
+
+    /// Balls with centres on the x axis and radii, each a closed mesh of its own, and 40 points on each of them.
+    fn balls(balls: &[(f32, f32)]) -> (TriangleMesh, Vec<[f32; 3]>) {
+        let grid = TetGrid::working_frame(64).unwrap();
+        let least = |x: &[f32; 3]| {
+            let to = |&(c, r): &(f32, f32)| ((x[0] - c).powi(2) + x[1].powi(2) + x[2].powi(2)).sqrt() - r;
+            balls.iter().map(to).fold(f32::INFINITY, f32::min)
+        };
+        let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(least).collect());
+        let on = |&(c, r): &(f32, f32)| {
+            fibonacci_sphere(40).into_iter().map(move |p| [c + r * p[0], r * p[1], r * p[2]])
+        };
+        let cloud: Vec<[f32; 3]> = balls.iter().flat_map(on).collect();
+        let options = NarrowBandOptions { seeds: &cloud, ..Default::default() };
+        let mesh = extract(&grid, &mut eval, &options).unwrap();
+        assert_eq!(mesh.topology().components, balls.len());
+        (mesh, cloud)
+    }
+
+    #[test]
+    fn near_parts_are_joined_once_and_far_ones_are_not() {
+        // Gaps of 0.04, 0.04 and 0.14; the points of a small ball are about 0.05 apart.
+        let (mesh, cloud) = balls(&[(-0.3, 0.15), (-0.03, 0.08), (0.17, 0.08), (0.47, 0.08)]);
+        let bridges = Bridges::over_gaps(&mesh, &cloud);
+        assert_eq!((bridges.points.len(), bridges.depths.len()), (2 * POINTS, 2 * POINTS));
+        let mut middles: Vec<f32> = Vec::new();
+        for bridge in bridges.points.chunks(POINTS) {
+            let mean = |k: usize| bridge.iter().map(|p| p[k]).sum::<f32>() / POINTS as f32;
+            assert!(mean(1).abs() < 0.02 && mean(2).abs() < 0.02, "{bridge:?}");
+            middles.push(mean(0));
+            let length = (bridge[0][0] - bridge[POINTS - 1][0]).abs();
+            assert!((length - 0.04).abs() < 0.01, "{length}");
+        }
+        middles.sort_by(f32::total_cmp);
+        assert!((middles[0] + 0.13).abs() < 0.01 && (middles[1] - 0.07).abs() < 0.01, "{middles:?}");
+        assert!(bridges.depths.iter().all(|d| (0.003..0.01).contains(d)), "{:?}", bridges.depths);
+    }
+
+    #[test]
+    fn loose_parts_are_not_joined_to_each_other() {
+        let (mesh, cloud) = balls(&[(-0.3, 0.15), (0.2, 0.08), (0.4, 0.08)]);
+        assert_eq!(Bridges::over_gaps(&mesh, &cloud), Bridges::default());
+    }
+
+    #[test]
+    fn one_part_needs_no_bridge() {
+        let (mesh, cloud) = balls(&[(0.0, 0.3)]);
+        assert_eq!(Bridges::over_gaps(&mesh, &cloud), Bridges::default());
+    }
+}
