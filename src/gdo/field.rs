@@ -177,6 +177,12 @@ impl Field {
         &mut self.params
     }
 
+    /// Makes g smaller by `by` everywhere, in units of the working frame.
+    pub fn lower(&mut self, by: f32) {
+        let (_, bias) = self.layers[self.config.depth];
+        self.params.value_mut(bias).data_mut()[0] -= by;
+    }
+
     /// Weight (c_in x c_out) and bias (1 x c_out) of a layer, the linear one at the end being `depth`.
     pub(super) fn layer(&self, l: usize) -> (&Tensor, &Tensor) {
         let (weight, bias) = self.layers[l];

@@ -59,7 +59,7 @@ fn finer(resolution: usize, ratio: f64) -> usize {
 
 impl Trainer {
     /// The grid resolution of a step of the training proper: that of its stage, or finer for a small surface.
-    fn resolution_at(&self, step: usize) -> usize {
+    pub(super) fn resolution_at(&self, step: usize) -> usize {
         let mut end = 0;
         let stages = &self.config.stages;
         let in_stage = |s: &&super::Stage| {

@@ -8,6 +8,7 @@ use super::step::{check_gradients, check_near, diverged, forward_map, para_term}
 use super::trainer::untrained;
 use super::{StepReport, Trainer};
 use crate::error::Error;
+use crate::geometry::TetGrid;
 use crate::optim::{Schedule, gradient_norm};
 use std::fmt;
 use std::time::Instant;
@@ -135,6 +136,20 @@ impl Trainer {
         let report = StepReport { loss, para: loss, bsp_rate, gradient_norm, ..self.blank_report() };
         self.step += 1;
         Ok(StepReport { seconds: began.elapsed().as_secs_f64(), ..report })
+    }
+
+    /// Where the regression left even the points outside, as it may for a blade that is thin against what the network can
+    /// learn in its steps, moves the field's level, so that the middle one of the points is half a cube of the grid
+    /// inside. Returns whether it did.
+    pub(super) fn lower_to_points(&mut self) -> Result<bool, Error> {
+        let mut values = self.field.sdf(&self.cloud);
+        values.sort_by(f32::total_cmp);
+        let outside = self.shape.is_some() && values[0] > 0.0;
+        if outside {
+            let cube = TetGrid::working_frame(self.resolution_at(0))?.spacing();
+            self.field.lower(values[values.len() / 2] + 0.5 * cube);
+        }
+        Ok(outside)
     }
 
     /// What comes before the first step of the training proper; doing it again changes nothing.

@@ -4,7 +4,7 @@ use super::bridges::Bridges;
 use super::*;
 use crate::bsp::{Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
-use crate::gdo::{Activation, Deformation};
+use crate::gdo::{Activation, Deformation, Field};
 use crate::geometry::Shape;
 use crate::optim::gradient_norm;
 use crate::tensor::Tensor;
@@ -285,6 +285,29 @@ fn a_torus_comes_back() {
 #[test]
 fn two_spheres_come_back() {
     check_shape(Shape::TwoSpheres { radius: 0.21, distance: 0.58 }, 250, 2, 0);
+}
+
+#[test]
+fn a_field_without_an_inside_is_lowered_to_the_points() {
+    let mut trainer = at_training(&ball(60), &tiny());
+    trainer.field.lower(-0.6);
+    assert!(trainer.field.sdf(&trainer.cloud).iter().all(|g| *g > 0.0));
+    let outside = trainer.field.clone();
+    let report = trainer.step().unwrap();
+    assert!(report.surface_verts > 0 && report.recoveries == 0, "{report:?}");
+    let lowered = |field: &Field| {
+        let mut values = field.sdf(&trainer.cloud);
+        values.sort_by(f32::total_cmp);
+        values[30]
+    };
+    // Of a cube of a tenth of the grid half is left, and a step's change.
+    assert!(
+        lowered(&outside) > 0.2 && (-0.12..0.0).contains(&lowered(&trainer.field)),
+        "{}",
+        lowered(&trainer.field)
+    );
+    // It is no way out of a field that has an inside.
+    assert!(!trainer.lower_to_points().unwrap());
 }
 
 #[test]

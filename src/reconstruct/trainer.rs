@@ -224,6 +224,9 @@ impl Trainer {
             // Without a surface at the beginning there is none to go back to either.
             let lost =
                 error.kind() == ErrorKind::NoSurface && phase == Phase::Train && self.train_step() == 0;
+            if lost && self.lower_to_points()? {
+                continue;
+            }
             let recoverable = matches!(error.kind(), ErrorKind::Diverged | ErrorKind::NoSurface) && !lost;
             if !recoverable || self.recoveries >= RECOVERIES {
                 let advice = match phase {
