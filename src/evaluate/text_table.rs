@@ -110,7 +110,8 @@ impl TextTable {
 
     /// A Markdown table, aligned for reading as text, too, with the summary as its last rows.
     pub fn to_markdown(&self) -> String {
-        let layout = self.layout(|cell| cell.replace('|', "\\|"), ["| ", " | ", " |\n"]);
+        let escape = |cell: &str| cell.replace('|', "\\|").replace(['\n', '\r'], " ");
+        let layout = self.layout(escape, ["| ", " | ", " |\n"]);
         let rule = |(c, &w): (usize, &usize)| {
             if c == 0 { "-".repeat(w) } else { format!("{}:", "-".repeat(w - 1)) }
         };

@@ -197,7 +197,8 @@ fn signed_distance(tree: &TriangleBvh, x: [f32; 3]) -> (f32, [f32; 3]) {
 /// The regression of a field to the signed distance of a closed mesh, step by step.
 ///
 /// 20,480 points are drawn near the mesh, nearer to one of small area, and in the box around it; a step takes the next
-/// 2,048 of them, round and round. A point's distance is computed when a step first asks for it. Nothing else changes from step to step, so
+/// 2,048 of them, round and round. A point's distance is computed when a step first asks for it. Nothing else changes
+/// from step to step, so
 /// the same mesh and seed give the same steps again.
 #[derive(Clone, Debug)]
 pub struct ShapeFit {

@@ -31,6 +31,8 @@ pub(super) struct Bridges {
     pub points: Vec<[f32; 3]>,
     /// How far inside each of them is to be, m.
     pub depths: Vec<f32>,
+    /// The step of the training after the one that last looked for gaps; 0 before.
+    pub looked: usize,
 }
 
 impl Bridges {
@@ -94,7 +96,8 @@ impl Trainer {
     pub(super) fn look_for_gaps(&mut self) -> Result<(), Error> {
         let (step, steps) = (self.train_step(), self.config.steps_in(super::Phase::Train));
         let due = LOOKS.iter().any(|share| (share * steps as f64) as usize == step && step > 0);
-        if self.config.weights.bridge == 0.0 || !due {
+        // A step that is made again after a recovery has its bridges already.
+        if self.config.weights.bridge == 0.0 || !due || step < self.bridges.looked {
             return Ok(());
         }
         let grid = TetGrid::working_frame(RESOLUTION)?;
@@ -106,6 +109,7 @@ impl Trainer {
             Err(e) => return Err(e),
         };
         let found = Bridges::over_gaps(&mesh, &self.cloud);
+        self.bridges.looked = step + 1;
         self.bridges.points.extend(found.points);
         self.bridges.depths.extend(found.depths);
         Ok(())

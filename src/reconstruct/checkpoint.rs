@@ -15,8 +15,6 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 const CHECKPOINT: &str = "checkpoint 3";
-/// Points and depths of the bridges, m x 4.
-const BRIDGES: &str = "bridges";
 const RECONSTRUCTION: &str = "reconstruction 1";
 
 impl Trainer {
@@ -51,10 +49,11 @@ impl Trainer {
             }
             let mut trainer = Trainer::blank(prepared);
             let mut expected = trainer.to_store().tensors;
-            let rows = store.tensors.get(BRIDGES).map_or(0, Tensor::rows);
-            expected.insert(BRIDGES.into(), Tensor::zeros(&[rows, 4]));
+            for name in ["now.bridges", "good.bridges"] {
+                let rows = store.tensors.get(name).map_or(0, Tensor::rows);
+                expected.insert(name.into(), Tensor::zeros(&[rows, 4]));
+            }
             store.check_tensors(&expected)?;
-            trainer.bridges = read_bridges(&store.tensors[BRIDGES])?;
             trainer.recoveries = store.parse("recoveries")?;
             if trainer.recoveries > RECOVERIES {
                 return Err(damaged(format!("{} recoveries", trainer.recoveries)));
@@ -81,9 +80,6 @@ impl Trainer {
         store.put("recoveries", self.recoveries);
         put_snapshot(&mut store, "now", &self.snapshot());
         put_snapshot(&mut store, "good", &self.good);
-        let bridges = self.bridges.points.iter().zip(&self.bridges.depths);
-        let rows: Vec<f32> = bridges.flat_map(|(p, &depth)| [p[0], p[1], p[2], depth]).collect();
-        store.tensors.insert(BRIDGES.into(), Tensor::from_vec(&[rows.len() / 4, 4], rows));
         store
     }
 }
@@ -158,8 +154,12 @@ fn check_kind(store: &Store, expected: &str) -> Result<(), Error> {
     if kind == expected {
         return Ok(());
     }
-    Err(Error::new(ErrorKind::Checkpoint, format!("it is a {kind}, not a {expected}"))
-        .advise("resume from checkpoints, load reconstructions"))
+    let first = |kind: &str| kind.split(' ').next().map(str::to_string);
+    let advice = match first(kind) == first(expected) {
+        true => "it was written by another version of this program: start anew",
+        false => "resume from checkpoints, load reconstructions",
+    };
+    Err(Error::new(ErrorKind::Checkpoint, format!("it is a {kind}, not a {expected}")).advise(advice))
 }
 
 fn put_config(store: &mut Store, config: &Config) {
@@ -183,7 +183,8 @@ fn check_config(store: &Store, config: &Config) -> Result<(), Error> {
     Ok(())
 }
 
-fn read_bridges(tensor: &Tensor) -> Result<Bridges, Error> {
+fn read_bridges(store: &Store, name: &str) -> Result<Bridges, Error> {
+    let tensor = &store.tensors[&format!("{name}.bridges")];
     if !tensor.is_finite() {
         return Err(damaged("its bridges are not finite"));
     }
@@ -191,6 +192,7 @@ fn read_bridges(tensor: &Tensor) -> Result<Bridges, Error> {
     Ok(Bridges {
         points: rows.iter().map(|r| [r[0], r[1], r[2]]).collect(),
         depths: rows.iter().map(|r| r[3]).collect(),
+        looked: store.parse(&format!("{name}.looked"))?,
     })
 }
 
@@ -210,6 +212,10 @@ fn put_snapshot(store: &mut Store, name: &str, snapshot: &Snapshot) {
         put_learned(store, &format!("{name}.map"), map);
         store.tensors.insert(format!("{name}.surface"), Tensor::from_points(&snapshot.surface));
     }
+    let Bridges { points, depths, looked } = &snapshot.bridges;
+    store.put(&format!("{name}.looked"), looked);
+    let rows: Vec<f32> = points.iter().zip(depths).flat_map(|(p, &d)| [p[0], p[1], p[2], d]).collect();
+    store.tensors.insert(format!("{name}.bridges"), Tensor::from_vec(&[points.len(), 4], rows));
 }
 
 fn put_learned(store: &mut Store, name: &str, learned: &Learned) {
@@ -232,6 +238,7 @@ fn read_snapshot(store: &Store, name: &str, like: &Trainer) -> Result<Snapshot, 
         field: learned(&like.field, &format!("{name}.field"))?,
         map,
         surface: surface.unwrap_or_default(),
+        bridges: read_bridges(store, name)?,
     })
 }
 
@@ -313,7 +320,8 @@ mod tests {
             trainer.step().unwrap();
         }
         let clear = trainer.to_store();
-        trainer.bridges = Bridges { points: vec![[0.7, 0.1, 0.0], [0.6, 0.2, 0.1]], depths: vec![0.05, 0.1] };
+        let points_inside = vec![[0.7, 0.1, 0.0], [0.6, 0.2, 0.1]];
+        trainer.bridges = Bridges { points: points_inside, depths: vec![0.05, 0.1], looked: 9 };
         trainer.save_checkpoint(&path).unwrap();
         let mut resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
         assert_eq!(resumed.bridges, trainer.bridges);
@@ -321,7 +329,9 @@ mod tests {
             while !trainer.is_done() {
                 trainer.step().unwrap();
             }
-            trainer.to_store().tensors
+            let mut tensors = trainer.to_store().tensors;
+            tensors.retain(|name, _| !name.ends_with(".bridges"));
+            tensors
         };
         let with = end(&mut trainer);
         assert!(end(&mut resumed) == with);
@@ -329,7 +339,7 @@ mod tests {
         assert!(end(&mut Trainer::resume(&path, &points, &tiny()).unwrap()) != with);
 
         let mut bad = clear;
-        bad.tensors.insert(BRIDGES.into(), Tensor::from_vec(&[1, 4], vec![f32::NAN; 4]));
+        bad.tensors.insert("good.bridges".into(), Tensor::from_vec(&[1, 4], vec![f32::NAN; 4]));
         bad.write(&path).unwrap();
         let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
         assert!(error.kind() == ErrorKind::Checkpoint && error.to_string().contains("bridges"), "{error}");

@@ -58,7 +58,7 @@ pub struct Weights {
     pub deform_decay: f32,
     /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
     pub surf: f32,
-    /// The mean of (|grad g| - 1)^2 on the active vertices and the cloud (Gropp et al. 2020).
+    /// The mean of (|grad g| - 1)^2 on the active vertices, the cloud and bridges (Gropp et al. 2020).
     pub eikonal: f32,
     /// The mean squared uniform Laplacian of the extracted mesh.
     pub laplacian: f32,
@@ -69,8 +69,9 @@ pub struct Weights {
     pub pull: f32,
     /// The mean squared distance from each point of the cloud to the extracted surface.
     pub cover: f32,
-    /// What points on straight lines from the largest part of the surface to loose ones lack of being inside, on the
-    /// average: where the gap is no wider than the spacing of the points, in the last third of the training.
+    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack of
+    /// being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked at
+    /// on 128 cubes a side after 0.65 and 0.8 of the training.
     pub bridge: f32,
 }
 

@@ -138,16 +138,17 @@ impl Trainer {
         Ok(StepReport { seconds: began.elapsed().as_secs_f64(), ..report })
     }
 
-    /// Where the regression left even the points outside, as it may for a blade that is thin against what the network can
+    /// Where the regression left most points outside, as it may for a blade that is thin against what the network can
     /// learn in its steps, moves the field's level, so that the middle one of the points is half a cube of the grid
-    /// inside. Returns whether it did.
+    /// inside. Returns whether it did; done once, it is not done again.
     pub(super) fn lower_to_points(&mut self) -> Result<bool, Error> {
         let mut values = self.field.sdf(&self.cloud);
         values.sort_by(f32::total_cmp);
-        let outside = self.shape.is_some() && values[0] > 0.0;
+        let middle = values[values.len() / 2];
+        let cube = TetGrid::working_frame(self.resolution_at(0))?.spacing();
+        let outside = self.shape.is_some() && middle > -0.25 * cube;
         if outside {
-            let cube = TetGrid::working_frame(self.resolution_at(0))?.spacing();
-            self.field.lower(values[values.len() / 2] + 0.5 * cube);
+            self.field.lower(middle + 0.5 * cube);
         }
         Ok(outside)
     }

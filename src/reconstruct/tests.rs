@@ -138,8 +138,11 @@ fn check_step(config: &Config, seed: u64) -> (usize, usize) {
     let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, seed).0;
     let config = Config { seed, ..config.clone() };
     let mut trainer = at_training(&points, &config);
-    trainer.bridges =
-        Bridges { points: vec![[0.31, 0.1, -0.2], [0.0, 0.4, 0.1], [0.0; 3]], depths: vec![0.3, 0.2, 0.1] };
+    trainer.bridges = Bridges {
+        points: vec![[0.31, 0.1, -0.2], [0.0, 0.4, 0.1], [0.0; 3]],
+        depths: vec![0.3, 0.2, 0.1],
+        looked: 0,
+    };
     trainer.build_band(8).unwrap();
     clear_the_level(&mut trainer);
     let view = trainer.view();
@@ -291,7 +294,6 @@ fn two_spheres_come_back() {
 fn a_field_without_an_inside_is_lowered_to_the_points() {
     let mut trainer = at_training(&ball(60), &tiny());
     trainer.field.lower(-0.6);
-    assert!(trainer.field.sdf(&trainer.cloud).iter().all(|g| *g > 0.0));
     let outside = trainer.field.clone();
     let report = trainer.step().unwrap();
     assert!(report.surface_verts > 0 && report.recoveries == 0, "{report:?}");
@@ -306,7 +308,7 @@ fn a_field_without_an_inside_is_lowered_to_the_points() {
         "{}",
         lowered(&trainer.field)
     );
-    // It is no way out of a field that has an inside.
+    // It is no way out of what it has led to.
     assert!(!trainer.lower_to_points().unwrap());
 }
 
@@ -325,7 +327,7 @@ fn bridges_join_what_would_be_apart() {
     };
     assert_eq!(parts(Bridges::default()), (2, 0.0));
     let line = (0..9).map(|i| [0.025 * i as f32 - 0.1, 0.0, 0.0]).collect();
-    let (joined, lack) = parts(Bridges { points: line, depths: vec![0.03; 9] });
+    let (joined, lack) = parts(Bridges { points: line, depths: vec![0.03; 9], looked: 0 });
     // Of exact balls 0.054 is lacking; the field knows them less well.
     assert!(joined == 1 && (0.03..0.06).contains(&lack), "{joined} parts, {lack}");
 }

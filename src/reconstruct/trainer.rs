@@ -90,6 +90,7 @@ pub(super) struct Snapshot {
     pub field: Learned,
     pub map: Option<Learned>,
     pub surface: Vec<[f32; 3]>,
+    pub bridges: Bridges,
 }
 
 /// Training in progress.
@@ -163,6 +164,7 @@ impl Trainer {
             field: Learned { params: Params::new(), adam: Adam::new(&[], AdamOptions::default()) },
             map: None,
             surface: Vec::new(),
+            bridges: Bridges::default(),
         };
         let mut trainer = Trainer {
             config,
@@ -263,6 +265,7 @@ impl Trainer {
             field: learned(self.field.params(), &self.field_adam),
             map: self.map.as_ref().zip(self.map_adam.as_ref()).map(|(m, adam)| learned(m.params(), adam)),
             surface: self.surface.clone(),
+            bridges: self.bridges.clone(),
         }
     }
 
@@ -277,6 +280,7 @@ impl Trainer {
             self.map_adam = Some(learned.adam.clone());
         }
         self.surface.clone_from(&to.surface);
+        self.bridges.clone_from(&to.bridges);
     }
 
     /// Whether all steps are done.

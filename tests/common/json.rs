@@ -1,4 +1,4 @@
-//! What the program prints as JSON, read by a library that is strict about it.
+//! What the program prints as JSON.
 
 use serde_json::Value;
 

@@ -45,7 +45,8 @@ DIR/gt or --truth, or a mesh beside the clouds) whose name is the longest beginn
 underscore: kitten_300 to kitten. Without a truth only topology and time are told.
 
 Every finished run is a line of OUT/runs.jsonl at once, with its mesh in OUT/meshes, so the same command goes on where
-it was stopped. A run whose files or options changed is made again, and what the earlier one left stays; a changed program is not noticed but by a note.
+it was stopped. A run whose files or options changed is made again, and what the earlier one left stays; a changed
+program is not noticed but by a note.
 
 OUT/table.md, table.csv, shapes.csv, table.tex and a picture sheet_SETTING.png for each setting show the runs that the
 command line asks for; the table of the settings also goes to standard output.";
