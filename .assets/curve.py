@@ -15,15 +15,15 @@ with open(here / "curve.csv", newline="") as file:
     rows = [r for r in csv.DictReader(file)]
 
 figure, axes = plt.subplots(figsize=(7, 4), dpi=110)
-styles = {"before": ("o--", "0.6"), "after": ("o-", "tab:blue"), "peer": ("s", "tab:orange")}
+styles = {"before": ("o--", "0.6"), "now": ("o-", "tab:blue"), "peer": ("s", "tab:orange")}
 for build, (style, colour) in styles.items():
     points = sorted(
         (float(r["seconds"]), float(r["cd"]), r["setting"]) for r in rows if r["build"] == build
     )
-    label = {"before": "one grid, its vertices as samples", "after": "now", "peer": "peers"}[build]
+    label = {"before": "before the first shape of least bending", "now": "now", "peer": "peers"}[build]
     axes.plot([p[0] for p in points], [p[1] for p in points], style, color=colour, label=label)
     for seconds, cd, name in points:
-        axes.annotate(name, (seconds, cd), xytext=(5, 6 if build != "after" else -12), textcoords="offset points", fontsize=8, color=colour)
+        axes.annotate(name, (seconds, cd), xytext=(5, 6 if build != "now" else -12), textcoords="offset points", fontsize=8, color=colour)
 axes.set_xscale("log")
 ticks = [1, 2, 5, 10, 20, 50, 100]
 axes.set_xticks(ticks, [str(t) for t in ticks])
@@ -31,7 +31,7 @@ axes.set_xticks([], minor=True)
 axes.set_xlim(1, 120)
 axes.set_xlabel("processor seconds of a shape (one thread, mean)")
 axes.set_ylabel("10 x CD_L1 (mean)")
-axes.set_ylim(0.06, 0.16)
+axes.set_ylim(0.05, 0.16)
 axes.grid(alpha=0.3)
 axes.legend()
 figure.tight_layout()
