@@ -118,8 +118,9 @@ impl Trainer {
 
 #[cfg(test)]
 mod tests {
+    use super::super::tests::{at_training, quick};
     use super::*;
-    use crate::geometry::fibonacci_sphere;
+    use crate::geometry::{Shape, fibonacci_sphere};
 
     /// Balls with centres on the x axis and radii, each a closed mesh of its own, and 40 points on each of them.
     fn balls(balls: &[(f32, f32)]) -> (TriangleMesh, Vec<[f32; 3]>) {
@@ -168,5 +169,25 @@ mod tests {
     fn one_part_needs_no_bridge() {
         let (mesh, cloud) = balls(&[(0.0, 0.3)]);
         assert_eq!(Bridges::over_gaps(&mesh, &cloud), Bridges::default());
+    }
+
+    #[test]
+    fn bridges_join_what_would_be_apart() {
+        let points = Shape::TwoSpheres { radius: 0.21, distance: 0.58 }.sample(250, 3).0;
+        let parts = |bridges: Bridges| {
+            let mut trainer = at_training(&points, &quick());
+            trainer.bridges = bridges;
+            let mut first = None;
+            while !trainer.is_done() {
+                let report = trainer.step().unwrap();
+                first.get_or_insert(report.bridge);
+            }
+            (trainer.finish().mesh(40).unwrap().topology().components, first.unwrap())
+        };
+        assert_eq!(parts(Bridges::default()), (2, 0.0));
+        let line = (0..9).map(|i| [0.025 * i as f32 - 0.1, 0.0, 0.0]).collect();
+        let (joined, lack) = parts(Bridges { points: line, depths: vec![0.03; 9], looked: 0 });
+        // Of exact balls 0.054 is lacking; the field knows them less well.
+        assert!(joined == 1 && (0.03..0.06).contains(&lack), "{joined} parts, {lack}");
     }
 }

@@ -182,3 +182,31 @@ impl Trainer {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{at_training, ball, tiny};
+    use crate::gdo::Field;
+
+    #[test]
+    fn a_field_without_an_inside_is_lowered_to_the_points() {
+        let mut trainer = at_training(&ball(60), &tiny());
+        trainer.field.lower(-0.6);
+        let outside = trainer.field.clone();
+        let report = trainer.step().unwrap();
+        assert!(report.surface_verts > 0 && report.recoveries == 0, "{report:?}");
+        let lowered = |field: &Field| {
+            let mut values = field.sdf(&trainer.cloud);
+            values.sort_by(f32::total_cmp);
+            values[30]
+        };
+        // Of a cube of a tenth of the grid half is left, and a step's change.
+        assert!(
+            lowered(&outside) > 0.2 && (-0.12..0.0).contains(&lowered(&trainer.field)),
+            "{}",
+            lowered(&trainer.field)
+        );
+        // It is no way out of what it has led to.
+        assert!(!trainer.lower_to_points().unwrap());
+    }
+}

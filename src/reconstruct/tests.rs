@@ -4,7 +4,7 @@ use super::bridges::Bridges;
 use super::*;
 use crate::bsp::{Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
-use crate::gdo::{Activation, Deformation, Field};
+use crate::gdo::{Activation, Deformation};
 use crate::geometry::Shape;
 use crate::optim::gradient_norm;
 use crate::tensor::Tensor;
@@ -288,48 +288,6 @@ fn a_torus_comes_back() {
 #[test]
 fn two_spheres_come_back() {
     check_shape(Shape::TwoSpheres { radius: 0.21, distance: 0.58 }, 250, 2, 0);
-}
-
-#[test]
-fn a_field_without_an_inside_is_lowered_to_the_points() {
-    let mut trainer = at_training(&ball(60), &tiny());
-    trainer.field.lower(-0.6);
-    let outside = trainer.field.clone();
-    let report = trainer.step().unwrap();
-    assert!(report.surface_verts > 0 && report.recoveries == 0, "{report:?}");
-    let lowered = |field: &Field| {
-        let mut values = field.sdf(&trainer.cloud);
-        values.sort_by(f32::total_cmp);
-        values[30]
-    };
-    // Of a cube of a tenth of the grid half is left, and a step's change.
-    assert!(
-        lowered(&outside) > 0.2 && (-0.12..0.0).contains(&lowered(&trainer.field)),
-        "{}",
-        lowered(&trainer.field)
-    );
-    // It is no way out of what it has led to.
-    assert!(!trainer.lower_to_points().unwrap());
-}
-
-#[test]
-fn bridges_join_what_would_be_apart() {
-    let points = Shape::TwoSpheres { radius: 0.21, distance: 0.58 }.sample(250, 3).0;
-    let parts = |bridges: Bridges| {
-        let mut trainer = at_training(&points, &quick());
-        trainer.bridges = bridges;
-        let mut first = None;
-        while !trainer.is_done() {
-            let report = trainer.step().unwrap();
-            first.get_or_insert(report.bridge);
-        }
-        (trainer.finish().mesh(40).unwrap().topology().components, first.unwrap())
-    };
-    assert_eq!(parts(Bridges::default()), (2, 0.0));
-    let line = (0..9).map(|i| [0.025 * i as f32 - 0.1, 0.0, 0.0]).collect();
-    let (joined, lack) = parts(Bridges { points: line, depths: vec![0.03; 9], looked: 0 });
-    // Of exact balls 0.054 is lacking; the field knows them less well.
-    assert!(joined == 1 && (0.03..0.06).contains(&lack), "{joined} parts, {lack}");
 }
 
 #[test]
