@@ -184,7 +184,7 @@ fn other_options_do_not_replace_the_meshes_of_earlier_runs() {
         lines(&to).iter().map(|line| fs::read(to.join(line.at("mesh").text())).unwrap()).collect()
     };
     let first = meshes();
-    run(suite(&data, &to).args(args).args(["--resolution", "24"]), 0);
+    run(suite(&data, &to).args(args).args(["--set", "bsp.patch=3"]), 0);
     let both = meshes();
     assert_eq!((both.len(), &both[0]), (2, &first[0]));
     assert_ne!(both[0], both[1]);
