@@ -1,9 +1,9 @@
 //! Bridges over gaps that the points cannot tell from a joint.
 //!
 //! A thin leg or the neck of a lamp comes apart in the training where it has no point for a while, though its parts are
-//! nearer to each other than points are. Some times during the training the surface is taken as it would be in the end.
-//! Where a part is that near to the largest, or to one joined to it, points of the straight line between the two are asked
-//! to be inside from then on.
+//! nearer to each other than points are. Twice during the training the surface is taken from 128 cubes a side, in the
+//! working frame. Where a part is that near to the largest, or to one joined to it, points of the straight line between
+//! the two are asked to be inside from then on. Not in the paper.
 
 use super::Trainer;
 use crate::error::{Error, ErrorKind};
