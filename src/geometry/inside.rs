@@ -28,6 +28,22 @@ impl TriangleBvh {
         self.visit(|min, max| meets_box(q, min, max), |corners| count += crossing(q, corners));
         count
     }
+
+    /// The signed distance of `q` from a closed mesh whose faces look outward, negative inside, and its gradient there:
+    /// the unit vector away from the nearest point, outside, or towards it, inside; within 1e-4 the face's normal.
+    ///
+    /// # Panics
+    /// If `q` is not finite.
+    #[track_caller]
+    pub fn signed_distance(&self, q: [f32; 3]) -> (f32, [f32; 3]) {
+        let hit = self.nearest(q);
+        let side = if self.winding(q) > 0 { -1.0 } else { 1.0 };
+        let distance = side * hit.dist_sq.sqrt() as f32;
+        if distance.abs() <= 1e-4 {
+            return (distance, self.face_normal(hit.face));
+        }
+        (distance, std::array::from_fn(|d| (q[d] - hit.point[d]) / distance))
+    }
 }
 
 /// Whether the ray from `q` meets a box, or comes so close that rounding could make it.
@@ -205,5 +221,33 @@ mod tests {
             let want = naive(&mesh, q);
             assert!((f64::from(tree.winding(q)) - want).abs() < 1e-3, "{want} at {q:?}");
         }
+    }
+
+    /// Where the nearest point is on an acute edge, one of the faces there looks away.
+    #[test]
+    fn distances_beyond_an_acute_edge_are_positive() {
+        let side = |y: f32| [[0.0, y, 0.0], [1.0, y, 0.1], [1.0, y, -0.1]];
+        let wedge = TriangleMesh {
+            verts: [side(-0.5), side(0.5)].concat(),
+            faces: vec![
+                [0, 1, 4],
+                [0, 4, 3],
+                [0, 3, 5],
+                [0, 5, 2],
+                [1, 2, 5],
+                [1, 5, 4],
+                [0, 2, 1],
+                [3, 4, 5],
+            ],
+        };
+        assert!(wedge.topology().closed && wedge.topology().volume > 0.0);
+        let tree = TriangleBvh::new(&wedge).unwrap();
+        for z in [-0.02f32, 0.02] {
+            let want = 0.1f32.hypot(0.02);
+            let (distance, gradient) = tree.signed_distance([-0.1, 0.1, z]);
+            assert!((distance - want).abs() < 1e-5, "{distance}");
+            assert!((gradient[0] + 0.1 / want).abs() < 1e-4 && (gradient[2] - z / want).abs() < 1e-4);
+        }
+        assert!(tree.signed_distance([0.9, 0.1, 0.0]).0 < 0.0);
     }
 }

@@ -3,11 +3,10 @@
 #[cfg(feature = "checkpoint")]
 use super::Phase;
 use super::Trainer;
-use super::scale::MOST_RESOLUTION;
 use super::step::Sampled;
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::FieldPass;
+use crate::gdo::{FieldPass, resolution_for_area};
 use crate::geometry::{BandTopology, Isosurface, NarrowBandOptions, TetGrid, TriangleBvh, active_set};
 
 /// What steps work with and nothing outlives them for.
@@ -44,21 +43,8 @@ pub(super) struct Band {
 /// Cubes along each side of the lattice that the search starts from, at most.
 const MOST_COARSE_CUBES: usize = 32;
 
-/// What a grid is made finer by at most, and the resolution that this does not take it beyond: that of the finest grid
-/// for large clouds, too, whose steps would become many times dearer.
-const FINEST: (f64, f64) = (4.0, MOST_RESOLUTION.1);
-
-/// A resolution, a multiple of 4, at which a surface crosses as many cubes as one `ratio` times as large does at the
-/// given one; not coarser.
-fn finer(resolution: usize, ratio: f64) -> usize {
-    let (most, limit) = FINEST;
-    let factor = if ratio > 1.0 { ratio.sqrt().min(most).min(limit / resolution as f64) } else { 1.0 };
-    let scaled = (resolution as f64 * factor / 4.0).round() as usize * 4;
-    if factor > 1.0 { scaled.max(resolution) } else { resolution }
-}
-
 impl Trainer {
-    /// The grid resolution of a step of the training proper: that of its stage, or finer for a small surface.
+    /// The grid resolution of a step of the training proper: that of its stage, changed by the area of the first shape.
     pub(super) fn resolution_at(&self, step: usize) -> usize {
         let mut end = 0;
         let stages = &self.config.stages;
@@ -68,7 +54,7 @@ impl Trainer {
         };
         let resolution = stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution);
         let area = self.shape.as_ref().map_or(f64::INFINITY, |shape| shape.area);
-        finer(resolution, self.config.reference_area / area)
+        resolution_for_area(resolution, area, self.config.reference_area)
     }
 
     /// Searches for the surface on the grid, if it is time to. Returns whether it was.
@@ -133,30 +119,5 @@ impl Trainer {
             return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
         }
         Ok(())
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::finer;
-
-    #[test]
-    fn small_surfaces_have_finer_grids_and_large_ones_the_same() {
-        for (resolution, ratio, want) in [
-            (48, 4.0, 96),
-            (48, 1.5, 60),
-            (48, 1.0, 48),
-            (48, 0.3, 48),
-            (48, 0.0, 48),
-            (48, f64::NAN, 48),
-            (48, f64::INFINITY, 192),
-            (48, 100.0, 192),
-            (64, 16.0, 192),
-            (160, 16.0, 192),
-            (300, 16.0, 300),
-            (10, 1.01, 12),
-        ] {
-            assert_eq!(finer(resolution, ratio), want, "{resolution} {ratio}");
-        }
     }
 }

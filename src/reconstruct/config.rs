@@ -78,7 +78,7 @@ pub struct Weights {
 /// A part of the training, at one grid resolution.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stage {
-    /// Cubes along each side of the grid; more for a small surface, see [`Config::reference_area`].
+    /// Cubes along each side of the grid, for a surface of usual area, see [`Config::reference_area`].
     pub resolution: usize,
     /// Steps.
     pub steps: usize,
@@ -144,9 +144,10 @@ pub struct Config {
     pub weights: Weights,
     /// Resolutions and steps of the training, in order.
     pub stages: Vec<Stage>,
-    /// The area, in the working frame, of a first shape for which `stages` give the resolutions. A smaller one has the
-    /// grid finer by the root of the ratio, up to 4 times and 192 cubes: as fine against the spacing of the points, and
-    /// as many cubes that the surface crosses. Default 2.2; 0 takes the same grid for all, as the paper does.
+    /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another one they
+    /// change by the root of the ratio, to half or 4 times as fine and 192 cubes at most: as fine against the spacing of
+    /// the points, and as many cubes that the surface crosses. Default 2.2; 0 takes the same grid for all, as the paper
+    /// does.
     pub reference_area: f64,
     /// The active part of the grid.
     pub band: Band,

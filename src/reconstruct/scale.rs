@@ -6,7 +6,7 @@ use super::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
 /// What grid resolutions grow by at most, and the resolution that the finest does not grow beyond.
-pub(super) const MOST_RESOLUTION: (f64, f64) = (6.0, 192.0);
+const MOST_RESOLUTION: (f64, f64) = (6.0, 192.0);
 /// Width that the rule starts from, and the width that it does not make a field grow beyond; wider ones stay.
 const WIDTHS: (f64, usize) = (64.0, 128);
 /// Octaves that are added at most.

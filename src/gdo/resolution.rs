@@ -1,0 +1,58 @@
+//! How fine a grid the surface of a shape needs.
+
+/// The area of a usual shape, in the working frame: that of a sphere is 3.1, of a cow 1.9, of a man 0.6.
+pub const USUAL_AREA: f64 = 2.2;
+
+/// What a grid is made coarser and finer by at most.
+const FACTORS: (f64, f64) = (0.5, 4.0);
+/// The resolution that this does not take a grid beyond: steps would become many times dearer.
+const FINEST: f64 = 192.0;
+
+/// Cubes along each side of a grid, a multiple of 4, at which a surface of the given area crosses as many as one of the
+/// `usual` area does at `resolution`: half to 4 times as many, and not more than 192, unless `resolution` is. For an
+/// area or a usual area of 0 or infinity that tells nothing, `resolution`.
+///
+/// The same number of points lie closer to each other on a smaller surface, and its parts are thinner.
+pub fn resolution_for_area(resolution: usize, area: f64, usual: f64) -> usize {
+    let ratio = usual / area;
+    let (least, most) = FACTORS;
+    let factor = ratio.sqrt().clamp(least, most).min((FINEST / resolution as f64).max(1.0));
+    let scaled = ((resolution as f64 * factor / 4.0).round() as usize * 4).max(4);
+    match factor {
+        _ if !(usual > 0.0 && area.is_finite()) || factor == 1.0 => resolution,
+        _ if factor > 1.0 => scaled.max(resolution),
+        _ => scaled.min(resolution),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::resolution_for_area;
+
+    #[test]
+    fn a_surface_crosses_as_many_cubes_whatever_its_area() {
+        for (resolution, area, usual, want) in [
+            (48, 0.5, 2.0, 96),
+            (48, 1.0, 1.5, 60),
+            (48, 2.0, 2.0, 48),
+            (48, 4.0, 2.0, 32),
+            (48, 3.0, 2.0, 40),
+            (48, 200.0, 2.0, 24),
+            (300, 3.0, 2.0, 244),
+            (10, 2.1, 2.0, 8),
+            (3, 4.0, 2.0, 3),
+            (48, 2.0, 0.0, 48),
+            (48, 0.0, 0.0, 48),
+            (48, f64::INFINITY, 2.0, 48),
+            (48, 0.0, 2.0, 192),
+            (48, 0.02, 2.0, 192),
+            (64, 0.125, 2.0, 192),
+            (160, 0.125, 2.0, 192),
+            (300, 0.125, 2.0, 300),
+            (10, 1.0, 1.01, 12),
+        ] {
+            let got = resolution_for_area(resolution, area, usual);
+            assert_eq!(got, want, "{resolution} cubes, area {area} instead of {usual}");
+        }
+    }
+}
