@@ -6,9 +6,10 @@
 //! the two are asked to be inside from then on. Not in the paper.
 
 use super::Trainer;
+use super::model::zero_level_set;
 use crate::error::{Error, ErrorKind};
 use crate::gdo::spacing;
-use crate::geometry::{NarrowBandOptions, TetGrid, TriangleMesh, extract, nearest_points};
+use crate::geometry::{TriangleMesh, nearest_points};
 
 /// The widest gap that is bridged, in spacings of the points at its ends.
 const REACH: f64 = 1.0;
@@ -100,10 +101,8 @@ impl Trainer {
         if self.config.weights.bridge == 0.0 || !due || step < self.bridges.looked {
             return Ok(());
         }
-        let grid = TetGrid::working_frame(RESOLUTION)?;
-        let options = NarrowBandOptions { seeds: &self.cloud, ..Default::default() };
-        let mesh = match extract(&grid, &mut |x: &[[f32; 3]]| Ok(self.field.sdf(x)), &options) {
-            Ok(mesh) => mesh.keep_large(self.config.min_component),
+        let mesh = match zero_level_set(&self.field, &self.cloud, RESOLUTION, self.config.min_component) {
+            Ok(mesh) => mesh,
             // The step itself will say so, if its grid sees none either.
             Err(e) if e.kind() == ErrorKind::NoSurface => return Ok(()),
             Err(e) => return Err(e),
@@ -118,9 +117,10 @@ impl Trainer {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{at_training, quick};
+    use super::super::tests::{at_training, poison, quick};
     use super::*;
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::{NarrowBandOptions, Shape, TetGrid, extract, fibonacci_sphere};
+    use proptest::prelude::*;
 
     /// Balls with centres on the x axis and radii, each a closed mesh of its own, and 40 points on each of them.
     fn balls(balls: &[(f32, f32)]) -> (TriangleMesh, Vec<[f32; 3]>) {
@@ -165,6 +165,43 @@ mod tests {
         assert_eq!(Bridges::over_gaps(&mesh, &cloud), Bridges::default());
     }
 
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        /// Balls in a row, with gaps clearly narrower or wider than the points are apart: what is within reach of the
+        /// largest ball, ball by ball, is joined by one bridge a gap, and nothing else is.
+        #[test]
+        fn all_that_can_be_reached_from_the_largest_part_is_joined(
+            radii in prop::collection::vec(0.03f32..0.07, 2..6),
+            near in prop::collection::vec(any::<bool>(), 5),
+        ) {
+            // Mean distances of 40 points on a ball to their neighbours, in radii.
+            let unit = spacing(&fibonacci_sphere(40)).iter().sum::<f64>() as f32 / 40.0;
+            let mut row = vec![(-0.5 + radii[0], radii[0])];
+            for (i, &r) in radii.iter().enumerate().skip(1) {
+                let (c, before) = row[i - 1];
+                let gap = if near[i - 1] { 0.7 } else { 1.4 } * unit * (r + before) / 2.0;
+                row.push((c + before + gap + r, r));
+            }
+            prop_assume!(row.last().is_some_and(|(c, r)| c + r < 0.55));
+            let (mesh, cloud) = balls(&row);
+            // By the extracted areas; the ball with the most is where bridges begin.
+            let largest = (0..row.len()).max_by(|&a, &b| radii[a].total_cmp(&radii[b])).unwrap();
+            let clear = |&i: &usize| i == largest || radii[i] < 0.99 * radii[largest];
+            prop_assume!((0..row.len()).filter(clear).count() == row.len());
+            let right = (largest..row.len() - 1).take_while(|&i| near[i]);
+            let left = (0..largest).rev().take_while(|&i| near[i]);
+            let mut want: Vec<usize> = left.chain(right).collect();
+            want.sort_unstable();
+            let bridges = Bridges::over_gaps(&mesh, &cloud);
+            let middle = |bridge: &[[f32; 3]]| bridge.iter().map(|p| p[0]).sum::<f32>() / POINTS as f32;
+            let gap_at = |x: f32| (0..row.len() - 1).find(|&i| row[i].0 < x && x < row[i + 1].0).unwrap();
+            let mut got: Vec<usize> = bridges.points.chunks(POINTS).map(|b| gap_at(middle(b))).collect();
+            got.sort_unstable();
+            prop_assert_eq!(got, want);
+        }
+    }
+
     #[test]
     fn one_part_needs_no_bridge() {
         let (mesh, cloud) = balls(&[(0.0, 0.3)]);
@@ -189,5 +226,28 @@ mod tests {
         let (joined, lack) = parts(Bridges { points: line, depths: vec![0.03; 9], looked: 0 });
         // Of exact balls 0.054 is lacking; the field knows them less well.
         assert!(joined == 1 && (0.03..0.06).contains(&lack), "{joined} parts, {lack}");
+    }
+
+    #[test]
+    fn a_recovery_to_before_a_look_looks_again() {
+        let points = Shape::TwoSpheres { radius: 0.21, distance: 0.48 }.sample(250, 3).0;
+        let mut trainer = at_training(&points, &quick());
+        let until = |trainer: &mut Trainer, step: usize| {
+            while trainer.train_step() < step {
+                trainer.step().unwrap();
+            }
+        };
+        // 0.65 of 60 steps; the band is searched for, and states are kept, at every fourth.
+        let look = 39;
+        until(&mut trainer, look);
+        assert_eq!(trainer.bridges, Bridges::default());
+        until(&mut trainer, look + 1);
+        assert_eq!((trainer.bridges.points.len(), trainer.bridges.looked), (POINTS, look + 1));
+        poison(&mut trainer, false, f32::NAN);
+        let report = trainer.step().unwrap();
+        assert_eq!((report.recoveries, trainer.train_step()), (1, 37));
+        assert_eq!(trainer.bridges, Bridges::default());
+        until(&mut trainer, look + 1);
+        assert_eq!((trainer.bridges.points.len(), trainer.bridges.looked), (POINTS, look + 1));
     }
 }

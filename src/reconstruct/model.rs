@@ -45,15 +45,7 @@ impl Reconstruction {
     /// [`ErrorKind::Diverged`] if the field is not finite.
     pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh, Error> {
         let seeds = self.normalizer.forward(&self.cloud);
-        let options = NarrowBandOptions { seeds: &seeds, ..Default::default() };
-        let mut eval = |x: &[[f32; 3]]| Ok(self.field.sdf(x));
-        let mut mesh = extract(&TetGrid::working_frame(resolution)?, &mut eval, &options).map_err(|e| {
-            if e.kind() == ErrorKind::NoSurface {
-                return e.advise("raise the resolution, or train for more steps");
-            }
-            e
-        })?;
-        mesh = mesh.keep_large(self.config.min_component);
+        let mut mesh = zero_level_set(&self.field, &seeds, resolution, self.config.min_component)?;
         mesh.verts = self.normalizer.inverse(&mesh.verts);
         Ok(mesh)
     }
@@ -72,4 +64,26 @@ impl Reconstruction {
     pub fn config(&self) -> &Config {
         &self.config
     }
+}
+
+/// The zero level set of a field, in the working frame, from a grid of `resolution` cubes a side searched near the `seeds`
+/// (n x 3) too, without parts below the share `min_part` of the largest part's area.
+///
+/// # Errors
+/// As [`Reconstruction::mesh`].
+pub(super) fn zero_level_set(
+    field: &Field,
+    seeds: &[[f32; 3]],
+    resolution: usize,
+    min_part: f64,
+) -> Result<TriangleMesh, Error> {
+    let grid = TetGrid::working_frame(resolution)?;
+    let options = NarrowBandOptions { seeds, ..Default::default() };
+    let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(field.sdf(x)), &options).map_err(|e| {
+        if e.kind() == ErrorKind::NoSurface {
+            return e.advise("raise the resolution, or train for more steps");
+        }
+        e
+    })?;
+    Ok(mesh.keep_large(min_part))
 }
