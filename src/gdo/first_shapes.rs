@@ -238,7 +238,7 @@ mod tests {
         let points = blade.sample(600, 1).0;
         let rough = gauss_shapes(&points, &[0.5], 0.05, 0).unwrap();
         let plates = plate_shapes(&points, &rough, 0).unwrap();
-        for (mesh, limit) in [(&rough[0], 0.01), (&plates[0], 0.002)] {
+        for (mesh, limit) in [(&rough[0], 0.003), (&plates[0], 0.002)] {
             let topology = mesh.topology();
             let off = TriangleBvh::new(mesh).unwrap().nearest_all(&points);
             let mean = off.iter().map(|hit| hit.dist_sq.sqrt()).sum::<f64>() / points.len() as f64;

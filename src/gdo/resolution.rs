@@ -9,8 +9,9 @@ const FACTORS: (f64, f64) = (0.5, 4.0);
 const FINEST: f64 = 192.0;
 
 /// Cubes along each side of a grid, a multiple of 4, at which a surface of the given area crosses as many as one of the
-/// `usual` area does at `resolution`: half to 4 times as many, and not more than 192, unless `resolution` is. For an
-/// area or a usual area of 0 or infinity that tells nothing, `resolution`.
+/// `usual` area does at `resolution`: half to 4 times as many, and not more than 192, unless `resolution` is.
+///
+/// `resolution` itself if the usual area is 0 or the area not finite.
 ///
 /// The same number of points lie closer to each other on a smaller surface, and its parts are thinner.
 pub fn resolution_for_area(resolution: usize, area: f64, usual: f64) -> usize {

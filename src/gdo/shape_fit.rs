@@ -19,12 +19,12 @@ const SPREADS: [f32; 2] = [0.015, 0.08];
 const LEAST_SPREAD: f64 = 0.25;
 /// Weight of |grad g - n|^2 beside |g - d|.
 const NORMAL_WEIGHT: f32 = 0.01;
+
 /// The regression of a field to the signed distance of a closed mesh, step by step.
 ///
 /// 20,480 points are drawn near the mesh, nearer to one of small area, and in the box around it; a step takes the next
 /// 2,048 of them, round and round. A point's distance is computed when a step first asks for it. Nothing else changes
-/// from step to step, so
-/// the same mesh and seed give the same steps again.
+/// from step to step, so the same mesh and seed give the same steps again.
 #[derive(Clone, Debug)]
 pub struct ShapeFit {
     tree: TriangleBvh,
