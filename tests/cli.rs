@@ -260,12 +260,24 @@ fn sample_info_and_evaluate_fit_together() {
     assert!(evaluate(&[], &[&mesh, &mesh]).contains("floor"));
     let csv = evaluate(&["--csv"], &[&mesh, &open, &cloud, &mesh]);
     assert!(csv.lines().count() == 3 && csv.contains(",NC ntps,precision,recall,"), "{csv}");
+    assert!(csv.lines().next().unwrap().ends_with(",1000 CD^2 scan"), "{csv}");
     assert!(evaluate(&["--markdown"], &[&mesh, &open, &mesh, &mesh]).starts_with("| shape"));
     let latex = evaluate(&["--latex", "--protocol", "ntps"], &[&mesh, &open, &mesh, &mesh]);
     assert!(
         latex.starts_with("\\begin{tabular}{lrrr}\n\\hline\nshape") && latex.contains("10 CD\\_L1 & 100 CD")
     );
     fails(program().arg("evaluate").args([&mesh, &cloud]), 3, &["points.csv", "without faces"]);
+    // One that fails does not end the rest.
+    let mut command = program();
+    command.args(["evaluate", "--json", "--samples", "500"]).args([&mesh, &cloud, &mesh, &mesh]);
+    let output = run(&mut command, 3);
+    let lines: Vec<Value> = out(&output).lines().map(parse).collect();
+    assert!(lines.len() == 3 && err(&output).contains("without faces"));
+    assert!(lines[0].at("error").text().contains("without faces") && lines[0].at("name").text() == "points");
+    assert_eq!(lines[1].at("options").at("samples").number(), 500.0);
+    let summary = lines[2].at("summary");
+    assert_eq!((summary.at("pairs").number(), summary.at("failed").number()), (2.0, 1.0));
+    fails(program().arg("evaluate").args([&mesh, &mesh, &mesh, &mesh]).args(["--tau", "0"]), 2, &["tau"]);
     fails(program().arg("evaluate").args([&mesh, &mesh]).args(["--tau", "0"]), 2, &["tau"]);
 }
 

@@ -36,6 +36,8 @@ const MAY_PRINT: [&str; 2] = ["cli", "main"];
 const PRINTING: [&str; 7] = ["print", "println", "eprint", "eprintln", "dbg", "todo", "unimplemented"];
 const UNSAFE_FILE: &str = "tensor/simd.rs";
 const MAX_LINES: usize = 600;
+/// Columns of a comment, but for tables; code is the formatter's.
+const MAX_COLUMNS: usize = 120;
 
 /// A source file: its path below `src`, with `/`, and its text.
 type Source = (String, String);
@@ -269,6 +271,13 @@ fn breaches(files: &[Source]) -> Vec<String> {
         if lines > MAX_LINES {
             out.push(format!("{path}:{lines}: more than {MAX_LINES} lines, split it"));
         }
+        for (i, line) in source.lines().enumerate() {
+            let comment = line.trim_start();
+            let table = comment.trim_start_matches(['/', '!']).trim_start().starts_with('|');
+            if comment.starts_with("//") && !table && line.chars().count() > MAX_COLUMNS {
+                out.push(format!("{path}:{}: a comment of more than {MAX_COLUMNS} columns", i + 1));
+            }
+        }
         let tokens = tokens(&code_only(source));
         let text = |i: usize| tokens.get(i).map_or("", |t| t.0.as_str());
         let mut exported = false;
@@ -365,6 +374,9 @@ fn other_arrows_pass() {
 #[test]
 fn breaches_of_the_house_rules_are_found() {
     let long = "\n".repeat(MAX_LINES + 1);
+    let wide = format!("    /// {}\n", "x".repeat(MAX_COLUMNS));
+    let table = format!("/// | {} |\n", "x".repeat(MAX_COLUMNS));
+    assert!(breaches(&made_up("nn/mlp.rs", &table)).is_empty());
     let rejected = [
         ("nn/mlp.rs", "fn f() { println!(\"x\") }", "println! in the library"),
         ("nn/mlp.rs", "#[cfg(test)]\nmod tests { fn f() { dbg!(1) } }", "dbg! in the library"),
@@ -372,6 +384,7 @@ fn breaches_of_the_house_rules_are_found() {
         ("nn/mod.rs", "pub use mlp::*;", "glob re-export"),
         ("nn/mod.rs", "pub(crate) use mlp::{a, b::*};", "glob re-export"),
         ("nn/mlp.rs", long.as_str(), "split it"),
+        ("nn/mlp.rs", wide.as_str(), "columns"),
     ];
     for (path, source, rule) in rejected {
         let found = breaches(&made_up(path, source));

@@ -101,6 +101,9 @@ fn a_suite_is_run_once_and_goes_on_where_it_was_stopped() {
         }
         let sampled = line.at("setting").text() == "sampled";
         assert_eq!(line.at("points").number(), if sampled { 50.0 } else { 60.0 });
+        assert_eq!(*line.at("input").at("noise") == Value::Null, !sampled);
+        let patch = if line.at("setting").text() == "few" { "4" } else { "10" };
+        assert_eq!(line.at("options").at("bsp.patch").text(), patch);
     }
     let table = out(&first);
     for row in ["| few ", "| sampled ", "| default ", "| alike (= default) ", "| k_8 (= default) "] {
@@ -170,6 +173,12 @@ fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
     }
     let mesh = |to: &Path| fs::read(to.join(by_shape(to, "cube_60").at("mesh").text())).unwrap();
     assert_eq!(mesh(&one), mesh(&two));
+    // They are made again only if that is asked for.
+    for (retry, made) in [(&[][..], "0 to make"), (&["--retry"], "1 to make")] {
+        let again = run(suite(&data, &one).args(&args[..3]).args(retry), 0);
+        assert!(err(&again).contains(made), "{}", err(&again));
+    }
+    assert_eq!(lines(&one).len(), 3);
     let table = fs::read_to_string(one.join("table.md")).unwrap();
     assert!(table.contains("- **flat**, seed 0: ") && table.contains("in one plane"), "{table}");
 }

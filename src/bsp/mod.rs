@@ -42,9 +42,9 @@ pub struct BspConfig {
     /// Whether Psi averages the positions of the points it attends to and adds a learned offset, instead of making
     /// positions from nothing.
     pub average_positions: bool,
-    /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals (from
-    /// the field's first shape): sqrt(|p - q|^2 + (sheets s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S from
-    /// bridging sheets that lie close together. 0 for the distance in space, as in the paper.
+    /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
+    /// (from the field's first shape): sqrt(|p - q|^2 + (sheets s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S
+    /// from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
     pub sheets: f32,
 }
 

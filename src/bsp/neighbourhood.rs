@@ -20,8 +20,8 @@ pub struct Neighbourhood {
 }
 
 impl Neighbourhood {
-    /// The whole cloud, `points` (n x 3); with unit `normals` (n x 3), neighbours are those on the same sheet first (see
-    /// [`BspConfig::sheets`]).
+    /// The whole cloud, `points` (n x 3); with unit `normals` (n x 3), neighbours are those on the same sheet first
+    /// (see [`BspConfig::sheets`]).
     ///
     /// # Panics
     /// If the cloud is empty, or there is not one normal a point.

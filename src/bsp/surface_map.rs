@@ -82,7 +82,8 @@ impl SurfaceMap {
         }
     }
 
-    /// Goes over to another cloud of as many points (n x 3): for one whose noise was found later. What was learned stays.
+    /// Goes over to another cloud of as many points (n x 3): for one whose noise was found later. What was learned
+    /// stays.
     pub fn set_cloud(&mut self, points: &[[f32; 3]]) {
         match self {
             SurfaceMap::Bsp(bsp) => bsp.set_cloud(points),
@@ -91,8 +92,8 @@ impl SurfaceMap {
         }
     }
 
-    /// The parts that S is made in, for at most `size` centres each; a global map is made in one. `normals` (n x 3) tell
-    /// the sheets of the surface apart, for maps that look at neighbours.
+    /// The parts that S is made in, for at most `size` centres each; a global map is made in one. `normals` (n x 3)
+    /// tell the sheets of the surface apart, for maps that look at neighbours.
     ///
     /// # Panics
     /// If the cloud is empty, `size` is 0, or there is not one normal a point.

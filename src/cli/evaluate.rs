@@ -9,13 +9,15 @@ use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{Content, Input, print};
+use super::files::{Content, Input, print, say};
 use super::json::Object;
 use super::report::topology_json;
 use super::report::{published_json, published_text, report_json, report_text, summary_json, table_json};
 
-const AFTER: &str = "Tables hold the usual columns or, with --protocol, those of its published tables; --csv and --json \
-                     hold everything. --json prints one object a pair and, of several pairs, one with the summary.";
+const AFTER: &str = "Tables hold the usual columns or, with --protocol, those of its published tables; --csv holds all \
+                     columns. --json prints one object a pair, with the facts of the mesh too, and, of several pairs, \
+                     one with the summary. A pair that cannot be compared has an empty row or an object with \
+                     \"error\"; the others are still compared, and the exit code is that of the last failure.";
 
 /// Arguments of `evaluate`.
 #[derive(Debug, Args)]
@@ -95,8 +97,23 @@ impl EvaluateArgs {
     }
 }
 
-/// A compared pair: name, figures, and the facts of the predicted mesh.
-type Compared = (String, Report, Topology);
+/// A pair: its name, and its figures with the facts of the predicted mesh, or why it has none.
+struct Compared {
+    name: String,
+    outcome: Result<(Report, Topology), Failure>,
+}
+
+impl Compared {
+    fn report(&self) -> Option<&Report> {
+        self.outcome.as_ref().ok().map(|(report, _)| report)
+    }
+
+    /// Itself, or why it has no figures.
+    fn succeeded(self) -> Result<Compared, Failure> {
+        let outcome = Ok(self.outcome?);
+        Ok(Compared { name: self.name, outcome })
+    }
+}
 
 /// Compares pairs of files.
 pub fn run(args: &EvaluateArgs, common: Common) -> Result<(), Failure> {
@@ -109,39 +126,51 @@ pub fn run(args: &EvaluateArgs, common: Common) -> Result<(), Failure> {
         )));
     }
     let options = args.options();
-    let mut compared = Vec::new();
-    for files in args.files.chunks_exact(group) {
-        compared.push(compare(files, &options, common)?);
+    let mut compared: Vec<Compared> = args
+        .files
+        .chunks_exact(group)
+        .map(|files| Compared { name: name(&files[1]), outcome: compare(files, &options, common) })
+        .collect();
+    // Wrong options are wrong for every pair.
+    let refused = |c: &Compared| c.outcome.as_ref().is_err_and(|failure| failure.code() == 2);
+    if compared.len() == 1 || compared.iter().all(refused) {
+        compared = compared.into_iter().map(Compared::succeeded).collect::<Result<_, _>>()?;
     }
-    let rows = || compared.iter().map(|(n, r, _)| (n.as_str(), Some(r)));
+    let rows = || compared.iter().map(|c| (c.name.as_str(), c.report()));
     let table = || {
         let mut table = match args.protocol {
             Some(protocol) => Table::of_columns(protocol.columns(), rows()),
             None => Table::of_reports(rows()),
         };
         if args.ntps && !table.columns().iter().any(|c| c == "NC ntps") {
-            table.add_column("NC ntps", compared.iter().map(|(_, r, _)| r.metrics.nc_ntps()));
+            table
+                .add_column("NC ntps", compared.iter().map(|c| c.report().and_then(|r| r.metrics.nc_ntps())));
         }
         table
     };
     if args.json {
-        print(json(&compared, args, &options))
+        print(json(&compared, args, &options))?;
     } else if args.csv {
-        print(Table::of_everything(rows()).to_csv())
+        print(Table::of_everything(rows()).to_csv())?;
     } else if args.markdown {
-        print(table().to_markdown())
+        print(table().to_markdown())?;
     } else if args.latex {
-        print(table().to_latex())
-    } else if let [(name, report, topology)] = compared.as_slice() {
+        print(table().to_latex())?;
+    } else if let [Compared { name, outcome: Ok((report, topology)) }] = compared.as_slice() {
         let published = args.protocol.map_or(String::new(), |p| published_text(p.columns(), report));
-        print(format!("{}{published}{topology}\n", headed(name, report, args.ntps)))
+        print(format!("{}{published}{topology}\n", headed(name, report, args.ntps)))?;
     } else {
-        print(table().to_text())
+        print(table().to_text())?;
     }
+    // The last of several failures is the program's own to say, as it says any.
+    let mut failed: Vec<Failure> = compared.into_iter().filter_map(|c| c.outcome.err()).collect();
+    let Some(last) = failed.pop() else { return Ok(()) };
+    failed.iter().filter_map(Failure::line).for_each(|line| say(&line));
+    Err(last)
 }
 
 /// Reads and compares one ground truth, one prediction and, if there is one, one scan.
-fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<Compared, Failure> {
+fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<(Report, Topology), Failure> {
     let pred = &files[1];
     let truth = Input::read(&files[0], None)?.content()?;
     let mesh = Input::read(pred, None)?.mesh()?;
@@ -152,7 +181,7 @@ fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<Compa
         cloud.notices.iter().for_each(|n| common.note(n));
     }
     let report = evaluate_with_scan(truth_of(&truth), &mesh, scan.as_ref().map(truth_of), options)?;
-    Ok((name(pred), report, mesh.topology()))
+    Ok((report, mesh.topology()))
 }
 
 fn truth_of(content: &Content) -> GroundTruth<'_> {
@@ -167,28 +196,40 @@ fn truth_of(content: &Content) -> GroundTruth<'_> {
 /// One line a pair and, of several, one with the summary.
 fn json(compared: &[Compared], args: &EvaluateArgs, options: &Options) -> String {
     let protocol = args.protocol.unwrap_or_default();
-    let mut text = String::new();
-    for (name, report, topology) in compared {
-        text += &Object::new()
-            .raw("report", report_json(name, report))
-            .raw("published", published_json(protocol.columns(), report))
-            .raw("mesh", topology_json(topology))
-            .finish();
-        text.push('\n');
-    }
-    if compared.len() > 1 {
-        let reports: Vec<&Report> = compared.iter().map(|c| &c.1).collect();
-        let published =
-            Table::of_columns(protocol.columns(), compared.iter().map(|(n, r, _)| (n.as_str(), Some(r))));
-        let frame = if options.frame == Frame::AsIs { "as-is" } else { "unit" };
-        let summary = Object::new()
-            .count("pairs", compared.len())
+    let frame = if options.frame == Frame::AsIs { "as-is" } else { "unit" };
+    // What is measured and how, with what was said explicitly over the protocol's.
+    let how = |object: Object| {
+        object
             .text("protocol", protocol.name())
             .text("frame", frame)
             .count("samples", options.samples)
             .raw("seed", options.seed)
             .number("tau", options.tau)
-            .count("closed", compared.iter().filter(|c| c.2.closed && c.2.oriented).count())
+    };
+    let mut text = String::new();
+    for Compared { name, outcome } in compared {
+        let result = match outcome {
+            Ok((report, topology)) => Object::new()
+                .raw("report", report_json(name, report))
+                .raw("published", published_json(protocol.columns(), report))
+                .raw("mesh", topology_json(topology)),
+            Err(failure) => {
+                Object::new().text("name", name).text("error", &failure.line().unwrap_or_default())
+            }
+        };
+        text += &result.raw("options", how(Object::new()).finish()).finish();
+        text.push('\n');
+    }
+    if compared.len() > 1 {
+        let good: Vec<&(Report, Topology)> =
+            compared.iter().filter_map(|c| c.outcome.as_ref().ok()).collect();
+        let reports: Vec<&Report> = good.iter().map(|(report, _)| report).collect();
+        let rows = compared.iter().map(|c| (c.name.as_str(), c.report()));
+        let published = Table::of_columns(protocol.columns(), rows);
+        let counts =
+            Object::new().count("pairs", compared.len()).count("failed", compared.len() - good.len());
+        let summary = how(counts)
+            .count("closed", good.iter().filter(|(_, t)| t.closed && t.oriented).count())
             .raw("report", summary_json(&reports))
             .raw("published", table_json(&published))
             .finish();

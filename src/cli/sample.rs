@@ -1,5 +1,6 @@
 //! `sample`: a point cloud from a mesh.
 
+use std::fmt::{self, Display, Formatter};
 use std::path::PathBuf;
 use std::str::FromStr;
 
@@ -49,6 +50,15 @@ pub enum Noise {
     Absolute(f64),
     /// As a part of the longest side.
     Relative(f64),
+}
+
+impl Display for Noise {
+    fn fmt(&self, f: &mut Formatter<'_>) -> fmt::Result {
+        match self {
+            Noise::Absolute(x) => write!(f, "{x}"),
+            Noise::Relative(part) => write!(f, "{}%", 100.0 * part),
+        }
+    }
 }
 
 impl FromStr for Noise {

@@ -77,7 +77,7 @@ pub(super) const USUAL: [Column; 11] = [
 ];
 
 /// The rest of what is measured.
-pub(super) const FURTHER: [Column; 13] = [
+pub(super) const FURTHER: [Column; 16] = [
     NC_NTPS,
     column("precision", "part of the prediction within the threshold", |r| part(r, 1, false)),
     column("recall", "part of the ground truth within the threshold", |r| part(r, 1, true)),
@@ -89,8 +89,11 @@ pub(super) const FURTHER: [Column; 13] = [
     column("NC surf", "NC from samples to triangles", |r| r.surface.as_ref().and_then(Metrics::nc)),
     column("HD surf", "HD from samples to triangles", |r| Some(r.surface?.hd())),
     column("F surf", "F-score from samples to triangles", |r| Some(r.surface?.fscore().f)),
+    CD,
+    CD_SQ_SUM,
     CD_FROM_SCAN,
     HD_FROM_SCAN,
+    CD_SQ_TO_SCAN,
 ];
 
 fn part(r: &Report, threshold: usize, recall: bool) -> Option<f64> {

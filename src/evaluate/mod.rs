@@ -3,8 +3,8 @@
 //! A ground truth and a prediction are compared through samples of both ([`compare_samples`]) or, without a sampling
 //! floor, from samples of one to the triangles of the other ([`compare_surfaces`]). [`evaluate`] does the sampling, the
 //! choice of frame and the floor; [`evaluate_with_scan`] adds one-sided distances to a raw scan. A [`Protocol`] fixes
-//! all of this, and the columns, as a family of published tables has it; [`Table`] holds many reports, and [`TextTable`]
-//! writes it and other tables up.
+//! all of this, and the columns, as a family of published tables has it; [`Table`] holds many reports, and
+//! [`TextTable`] writes it and other tables up.
 //!
 //! # Agreement with another evaluator
 //!
@@ -22,8 +22,8 @@
 //! | F at 0.01 | 0.0033 (0.0012) | 0.0031 (0.0014) | 0.0032 (0.0014) |
 //! | F at 0.02 | 0.0013 (0.0005) | 0.0015 (0.0007) | 0.0018 (0.0005) |
 //!
-//! Means over 12 seeds of each, on three of the shapes, differ by at most 1.6 of their standard errors: 0.06 % in CD_L1,
-//! 0.10 % in CD_L2, 0.11 % in F. So neither is biased against the other as far as this can tell.
+//! Means over 12 seeds of each, on three of the shapes, differ by at most 1.6 of their standard errors: 0.06 % in
+//! CD_L1, 0.10 % in CD_L2, 0.11 % in F. So neither is biased against the other as far as this can tell.
 //!
 //! From samples to triangles (8 shapes) the two differ by at most 0.87 % in CD_L1, 1.8 % in CD_L2, 2.3 % in HD and
 //! 0.0022 in F, where two seeds of ours differ by 0.72 %, 1.7 %, 2.3 % and 0.0029. NC is another quantity there: the

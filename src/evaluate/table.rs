@@ -25,7 +25,7 @@ impl Table {
     }
 
     /// Everything that was measured: the usual columns, the other normal consistency, precision and recall at the three
-    /// thresholds, and the rest of what was measured to triangles and from a scan.
+    /// thresholds, the rest of what was measured to triangles and to and from a scan, and the columns of the protocols.
     pub fn of_everything<'a>(reports: impl IntoIterator<Item = (&'a str, Option<&'a Report>)>) -> Self {
         Self::of_columns(&[USUAL.as_slice(), &FURTHER].concat(), reports)
     }

@@ -19,9 +19,9 @@ impl Cell {
         Cell { shown: shown.into(), exact: exact.into() }
     }
 
-    /// For people a whole number below 1e9 as it is, one of at least 1e4 or below 1e-3 in size with an exponent and three
-    /// decimals, and any other with four decimals; for programs all digits. A missing number is `-`, and empty for
-    /// programs.
+    /// For people a whole number below 1e9 as it is, one of at least 1e4 or below 1e-3 in size with an exponent and
+    /// three decimals, and any other with four decimals; for programs all digits. A missing number is `-`, and empty
+    /// for programs.
     pub fn number(value: Option<f64>) -> Cell {
         let shown = match value {
             Some(v) if v == v.trunc() && v.abs() < 1e9 => format!("{v}"),

@@ -1,8 +1,8 @@
 //! Noisy points moved onto a smooth surface near them.
 //!
 //! The surface is a smoothing thin plate: the one of least bending that may miss the points (see
-//! [`ThinPlate`](super::ThinPlate)). How far it may is chosen by cross-validation: an exact point is predicted best by a
-//! surface through all the others, a noisy one by a surface that passes between them.
+//! [`ThinPlate`](super::ThinPlate)). How far it may is chosen by cross-validation: an exact point is predicted best by
+//! a surface through all the others, a noisy one by a surface that passes between them.
 
 use super::thin_plate::{MAX_CENTRES, System, directions};
 use nalgebra::{DVector, Matrix4, Vector4};
@@ -15,8 +15,8 @@ pub const DENOISED_POINTS: RangeInclusive<usize> = 50..=MAX_CENTRES;
 /// working frame 1e-4 removes about half of a scatter of 0.005.
 const SMOOTHINGS: [f64; 5] = [1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
 /// Which of them gives the normals that it and those before it are compared with; where it is chosen itself, the next
-/// one does. Normals that follow the points as closely as the surface make it foresee their noise; those of too smooth a
-/// surface know nothing of thin parts.
+/// one does. Normals that follow the points as closely as the surface make it foresee their noise; those of too smooth
+/// a surface know nothing of thin parts.
 const REFERENCE: usize = 2;
 /// Standard errors by which the best smoothing must predict better than none. No level of significance, as the best of
 /// several is taken: of 30 exact clouds none passed, of the same with a scatter of 0.005 eighteen.
@@ -36,12 +36,12 @@ pub struct Denoised {
 
 /// The points (n x 3, working frame) without their noise, given rough outward normals (n x 3).
 ///
-/// Each point is predicted from all others by a thin plate through them and by smoothing ones with parameters up to 1e-4,
-/// all with the normals of the smoothest; where that one is chosen, the next one, and after it the last (1e-3), is tried
-/// in the same way. Unless the least mean error is below that without smoothing by two standard errors of the
-/// difference, the points are returned as they are. Otherwise they move onto the least smooth surface whose mean error is
-/// within one standard error of the least. Clouds whose size is not in [`DENOISED_POINTS`], and such as would
-/// move by less than 1e-4, are returned as they are, too.
+/// Each point is predicted from all others by a thin plate through them and by smoothing ones with parameters up to
+/// 1e-4, all with the normals of the smoothest; where that one is chosen, the next one, and after it the last (1e-3),
+/// is tried in the same way. Unless the least mean error is below that without smoothing by two standard errors of the
+/// difference, the points are returned as they are. Otherwise they move onto the least smooth surface whose mean error
+/// is within one standard error of the least. Clouds whose size is not in [`DENOISED_POINTS`], and such as would move
+/// by less than 1e-4, are returned as they are, too.
 ///
 /// # Panics
 /// If there is not one normal a point.

@@ -23,8 +23,8 @@ const MISFIT_OF_POINTS: f64 = 4.0;
 const MIN_PART: f64 = 0.02;
 
 /// The surface that the parametric Gauss formula finds among `points` (n x 3, working frame), without its small parts;
-/// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more, and from a finer one if it has little area
-/// ([`resolution_for_area`]).
+/// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more, and from a finer one if it has little
+/// area ([`resolution_for_area`]).
 ///
 /// `width`, `regularity` and `seed` are those of [`GaussField::fit`].
 ///
@@ -52,16 +52,19 @@ pub fn gauss_shape(
         Err(_) => return found,
     };
     let resolution = resolution_for_area(usual, area, USUAL_AREA).max(usual);
-    let found = if resolution == usual { found } else { surface(resolution) };
+    let found = if resolution == usual { found } else { surface(resolution).or(found) };
     found.map_err(|e| {
+        if e.kind() != ErrorKind::NoSurface {
+            return e;
+        }
         Error::new(e.kind(), "the first guess of inside and outside encloses nothing")
             .caused_by(e)
             .advise("start from a sphere (start.shape = sphere)")
     })
 }
 
-/// The shapes that [`gauss_shape`] finds among `points` (n x 3, working frame) with several `widths` (in local spacings of
-/// the points), in their order, without those that it fails for.
+/// The shapes that [`gauss_shape`] finds among `points` (n x 3, working frame) with several `widths` (in local spacings
+/// of the points), in their order, without those that it fails for.
 ///
 /// No width suits every cloud. A narrow one keeps sheets apart that lie close together, a wide one closes what sparse
 /// points leave open.
@@ -91,8 +94,9 @@ fn those_found(mut attempts: Vec<Result<TriangleMesh, Error>>) -> Result<Vec<Tri
     }
 }
 
-/// Which of several shapes has the least sum of four times the mean distance from `points` (n x 3, in the shapes' frame)
-/// to it and the mean distance from samples of it, drawn with `seed`, to the points; the first of several as good.
+/// Which of several shapes has the least sum of four times the mean distance from `points` (n x 3, in the shapes'
+/// frame) to it and the mean distance from samples of it, drawn with `seed`, to the points; the first of several as
+/// good.
 ///
 /// # Errors
 /// As [`TriangleBvh::new`] and [`sample_surface`] for an empty shape.
@@ -131,15 +135,18 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
 
 /// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the Gauss formula.
 const TRUST: (f32, f32) = (0.7, 1.2);
-/// Cubes along each side of the grid that the thin plate's surface is taken from, if the rough one is not small. With as
-/// many for all, blades and legs came out in shreds: over eight thin shapes of 500 and 1,000 points the first shape was
-/// 0.0458 from the truth (10 x CD_L1), and is 0.0389 now.
+/// Cubes along each side of the grid that the thin plate's surface is taken from, if the rough one is not small. With
+/// this and the 48 of the rough one for all, blades and legs came out in shreds: over eight thin shapes of 500 and
+/// 1,000 points the first shape was 0.0458 from the truth (10 x CD_L1), and is 0.0389 with both by area.
 const PLATE_RESOLUTION: usize = 64;
 
 /// Surfaces of least bending through `points` (n x 3, working frame), see [`ThinPlate`], where points are near; one of
 /// the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
 /// surface's normals at the points are the first guess of theirs. One surface for each rough one, in their order,
 /// without those that cannot be extracted.
+///
+/// They are taken from grids of 64 cubes a side, or finer ones where the rough one has little area
+/// ([`resolution_for_area`]).
 ///
 /// # Errors
 /// As [`ThinPlate::fit`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:
@@ -231,7 +238,7 @@ mod tests {
         assert!((got - want).abs() < 1e-5 * want, "{got} is not {want}");
     }
 
-    /// 0.01 thick, less than half a cube of the usual grids.
+    /// 0.01 thick, half a cube of the usual grids.
     #[test]
     fn a_blade_comes_out_whole() {
         let blade = Shape::RoundedBox { half: [0.5, 0.05, 0.005], round: 0.002 };

@@ -7,23 +7,25 @@ pub const USUAL_AREA: f64 = 2.2;
 const FACTORS: (f64, f64) = (0.5, 4.0);
 /// The resolution that this does not take a grid beyond: steps would become many times dearer.
 const FINEST: f64 = 192.0;
+/// The least that a [`TetGrid`](crate::geometry::TetGrid) of the working frame can have.
+const LEAST: usize = 3;
 
-/// Cubes along each side of a grid, a multiple of 4, at which a surface of the given area crosses as many as one of the
-/// `usual` area does at `resolution`: half to 4 times as many, and not more than 192, unless `resolution` is.
+/// Cubes along each side of a grid at which a surface of the given area crosses about as many as one of the `usual`
+/// area does at `resolution`. They differ from `resolution` by a multiple of 4 and are half to 4 times as many a side,
+/// and not more than 192, unless `resolution` is.
 ///
 /// `resolution` itself if the usual area is 0 or the area not finite.
 ///
 /// The same number of points lie closer to each other on a smaller surface, and its parts are thinner.
 pub fn resolution_for_area(resolution: usize, area: f64, usual: f64) -> usize {
-    let ratio = usual / area;
-    let (least, most) = FACTORS;
-    let factor = ratio.sqrt().clamp(least, most).min((FINEST / resolution as f64).max(1.0));
-    let scaled = ((resolution as f64 * factor / 4.0).round() as usize * 4).max(4);
-    match factor {
-        _ if !(usual > 0.0 && area.is_finite()) || factor == 1.0 => resolution,
-        _ if factor > 1.0 => scaled.max(resolution),
-        _ => scaled.min(resolution),
+    if !(usual > 0.0 && area.is_finite()) {
+        return resolution;
     }
+    let (least, most) = FACTORS;
+    let limit = (FINEST / resolution as f64).max(1.0);
+    let factor = (usual / area).sqrt().clamp(least, most).min(limit);
+    let change = (resolution as f64 * (factor - 1.0) / 4.0).round() as isize * 4;
+    resolution.saturating_add_signed(change).max(LEAST)
 }
 
 #[cfg(test)]
@@ -40,7 +42,8 @@ mod tests {
             (48, 3.0, 2.0, 40),
             (48, 200.0, 2.0, 24),
             (300, 3.0, 2.0, 244),
-            (10, 2.1, 2.0, 8),
+            (10, 2.1, 2.0, 10),
+            (4, 200.0, 2.0, 3),
             (3, 4.0, 2.0, 3),
             (48, 2.0, 0.0, 48),
             (48, 0.0, 0.0, 48),
@@ -50,7 +53,8 @@ mod tests {
             (64, 0.125, 2.0, 192),
             (160, 0.125, 2.0, 192),
             (300, 0.125, 2.0, 300),
-            (10, 1.0, 1.01, 12),
+            (10, 1.0, 1.01, 10),
+            (10, 1.0, 1.6, 14),
         ] {
             let got = resolution_for_area(resolution, area, usual);
             assert_eq!(got, want, "{resolution} cubes, area {area} instead of {usual}");

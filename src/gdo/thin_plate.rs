@@ -1,12 +1,12 @@
 //! A first shape from unoriented points and rough normals: the surface of least bending.
 //!
-//! The function is a sum of cubes of distances and their gradients at the n points, plus a plane,
-//! f(x) = sum_j a_j |x - p_j|^3 - b_j . grad |x - p_j|^3 + c . (1, x),
-//! the one of least bending energy among all that vanish at the points and have given gradients there. That energy is a
-//! quadratic form of the gradients alone, and unit gradients that make it small are good normals: points on one sheet
-//! agree, and points on two sheets close together face away from each other (Huang, Carr, Ju 2019, "Variational implicit
-//! point set surfaces"). Where that work looks for the minimum from an eigenvector, here the search starts from normals
-//! that are mostly right already, those of the parametric Gauss formula, and ends nearby.
+//! The function is a sum of cubes of distances and their gradients at the n points, plus a plane, f(x) = sum_j a_j |x -
+//! p_j|^3 - b_j . grad |x - p_j|^3 + c . (1, x), the one of least bending energy among all that vanish at the points
+//! and have given gradients there. That energy is a quadratic form of the gradients alone, and unit gradients that make
+//! it small are good normals: points on one sheet agree, and points on two sheets close together face away from each
+//! other (Huang, Carr, Ju 2019, "Variational implicit point set surfaces"). Where that work looks for the minimum from
+//! an eigenvector, here the search starts from normals that are mostly right already, those of the parametric Gauss
+//! formula, and ends nearby.
 
 use super::cholesky::Symmetric;
 use crate::error::{Error, ErrorKind};
@@ -168,8 +168,8 @@ impl System {
     }
 
     /// The problem whose function need not vanish at the points: what is least then is the bending energy plus the sum
-    /// of f^2 at the points over `smoothing`. The same as `smoothing` added to the values' diagonal of K, by the identity
-    /// of Sherman, Morrison and Woodbury at a part of the cost; `None` if it is too small to tell from none.
+    /// of f^2 at the points over `smoothing`. The same as `smoothing` added to the values' diagonal of K, by the
+    /// identity of Sherman, Morrison and Woodbury at a part of the cost; `None` if it is too small to tell from none.
     pub fn smoothed(&self, smoothing: f64) -> Option<Self> {
         let n = self.energy.nrows() / 4;
         let inner = Symmetric::from_columns(n, |column, out| {

@@ -30,12 +30,13 @@ impl TriangleBvh {
     }
 
     /// The signed distance of `q` from a closed mesh whose faces look outward, negative inside, and its gradient there:
-    /// the unit vector away from the nearest point, outside, or towards it, inside; within 1e-4 the face's normal.
+    /// the unit vector away from the nearest point, outside, or towards it, inside; within 1e-4 the face's normal. In
+    /// the working frame, for which this is little.
     ///
     /// # Panics
     /// If `q` is not finite.
     #[track_caller]
-    pub fn signed_distance(&self, q: [f32; 3]) -> (f32, [f32; 3]) {
+    pub(crate) fn signed_distance(&self, q: [f32; 3]) -> (f32, [f32; 3]) {
         let hit = self.nearest(q);
         let side = if self.winding(q) > 0 { -1.0 } else { 1.0 };
         let distance = side * hit.dist_sq.sqrt() as f32;

@@ -79,8 +79,9 @@ impl Tape {
         self.apply(ScatterAddRows { index: index.into(), n }, [x])
     }
 
-    /// Weighted sums of three rows: row i of the result is the sum over the corners of their i-th weight times the row of
-    /// `x` that their i-th index names; n x c to m x c. With barycentric weights, points on triangles of vertices `x`.
+    /// Weighted sums of three rows: row i of the result is the sum over the corners of their i-th weight times the row
+    /// of `x` that their i-th index names; n x c to m x c. With barycentric weights, points on triangles of vertices
+    /// `x`.
     ///
     /// # Panics
     /// If the corners do not have m indices and m weights each, or an index is n or more.

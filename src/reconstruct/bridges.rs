@@ -37,8 +37,8 @@ pub(super) struct Bridges {
 }
 
 impl Bridges {
-    /// Bridges from the largest part of `mesh` to those that are as near to it as points of the `cloud` (n x 3) are to each
-    /// other, from these to others as near, and so on, the nearest first.
+    /// Bridges from the largest part of `mesh` to those that are as near to it as points of the `cloud` (n x 3) are to
+    /// each other, from these to others as near, and so on, the nearest first.
     pub fn over_gaps(mesh: &TriangleMesh, cloud: &[[f32; 3]]) -> Bridges {
         let mut parts = mesh.split_components();
         parts.sort_by(|a, b| b.area.total_cmp(&a.area));
@@ -172,7 +172,7 @@ mod tests {
         /// largest ball, ball by ball, is joined by one bridge a gap, and nothing else is.
         #[test]
         fn all_that_can_be_reached_from_the_largest_part_is_joined(
-            radii in prop::collection::vec(0.03f32..0.07, 2..6),
+            radii in prop::collection::vec(0.045f32..0.07, 2..6),
             near in prop::collection::vec(any::<bool>(), 5),
         ) {
             // Mean distances of 40 points on a ball to their neighbours, in radii.
@@ -183,12 +183,12 @@ mod tests {
                 let gap = if near[i - 1] { 0.7 } else { 1.4 } * unit * (r + before) / 2.0;
                 row.push((c + before + gap + r, r));
             }
-            prop_assume!(row.last().is_some_and(|(c, r)| c + r < 0.55));
-            let (mesh, cloud) = balls(&row);
-            // By the extracted areas; the ball with the most is where bridges begin.
+            // The ball with the most area is where bridges begin.
             let largest = (0..row.len()).max_by(|&a, &b| radii[a].total_cmp(&radii[b])).unwrap();
-            let clear = |&i: &usize| i == largest || radii[i] < 0.99 * radii[largest];
-            prop_assume!((0..row.len()).filter(clear).count() == row.len());
+            let clear = |i: usize| i == largest || radii[i] < 0.99 * radii[largest];
+            prop_assume!((0..row.len()).all(clear));
+            // The narrowest gaps are wider than a cube of the grid, so that no edge spans one.
+            let (mesh, cloud) = balls(&row);
             let right = (largest..row.len() - 1).take_while(|&i| near[i]);
             let left = (0..largest).rev().take_while(|&i| near[i]);
             let mut want: Vec<usize> = left.chain(right).collect();

@@ -13,9 +13,9 @@ pub enum StartShape {
     Sphere,
     /// The surface that the parametric Gauss formula finds among the points (Lin et al. 2022), fitted by regression.
     Gauss,
-    /// The surface of least bending through the points, or through 500 evenly spread ones if there are more (after Huang
-    /// et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is kept where no point is near.
-    /// For clouds of more than 1,024 points it is that of the Gauss formula.
+    /// The surface of least bending through the points, or through 500 evenly spread ones if there are more (after
+    /// Huang et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is kept where no point is
+    /// near. For clouds of more than 1,024 points it is that of the Gauss formula.
     Plate,
 }
 
@@ -69,9 +69,9 @@ pub struct Weights {
     pub pull: f32,
     /// The mean squared distance from each point of the cloud to the extracted surface.
     pub cover: f32,
-    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack of
-    /// being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked at
-    /// on 128 cubes a side after 0.65 and 0.8 of the training.
+    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack
+    /// of being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked
+    /// at on 128 cubes a side after 0.65 and 0.8 of the training.
     pub bridge: f32,
 }
 
@@ -144,18 +144,18 @@ pub struct Config {
     pub weights: Weights,
     /// Resolutions and steps of the training, in order.
     pub stages: Vec<Stage>,
-    /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another one they
-    /// change by the root of the ratio, to half or 4 times as fine and 192 cubes at most: as fine against the spacing of
-    /// the points, and as many cubes that the surface crosses. Default 2.2; 0 takes the same grid for all, as the paper
-    /// does.
+    /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another area they
+    /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the spacing of
+    /// the points, and about as many cubes that the surface crosses. The first shape itself is taken from grids by its
+    /// own rule. Default 2.2; 0 trains on the same grid for all, as the paper does.
     pub reference_area: f64,
     /// The active part of the grid.
     pub band: Band,
     /// Parts of a large cloud in a step.
     pub batch: Batch,
     /// Samples on the faces of the extracted surface that stand for it where distances start from it; distances to it
-    /// are then to its faces. 0 takes its vertices for both. Default 8,000, which lie more evenly than the vertices of a
-    /// grid as fine as a preset's; paper 0.
+    /// are then to its faces. 0 takes its vertices for both. Default 8,000, which lie more evenly than the vertices of
+    /// a grid as fine as a preset's; paper 0.
     pub surface_samples: usize,
     /// Learning rate of the field. Default 5e-4 after a warm-up of 20 steps, then a cosine.
     pub field_rate: Schedule,

@@ -66,8 +66,8 @@ impl Reconstruction {
     }
 }
 
-/// The zero level set of a field, in the working frame, from a grid of `resolution` cubes a side searched near the `seeds`
-/// (n x 3) too, without parts below the share `min_part` of the largest part's area.
+/// The zero level set of a field, in the working frame, from a grid of `resolution` cubes a side searched near the
+/// `seeds` (n x 3) too, without parts below the share `min_part` of the largest part's area.
 ///
 /// # Errors
 /// As [`Reconstruction::mesh`].

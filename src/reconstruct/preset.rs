@@ -15,7 +15,8 @@ pub enum Preset {
     Paper,
     /// A quick look.
     Fast,
-    /// For a few hundred points in about 80 processor seconds; departs from the paper where that measured better (README).
+    /// For a few hundred points in about 80 processor seconds; departs from the paper where that measured better
+    /// (README).
     Default,
     /// A finer grid for longer, and more samples on it.
     Fine,

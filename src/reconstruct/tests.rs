@@ -554,8 +554,8 @@ fn a_run_that_cannot_come_back_says_so() {
     stuck(first(), f32::NAN, ErrorKind::Diverged, "field_rate.base", 3);
     stuck(second(), f32::NAN, ErrorKind::Diverged, "field_rate.base", 3);
     stuck(second(), 100.0, ErrorKind::NoSurface, "field_rate.base", 3);
-    // Nothing that training could go back to has a surface, nor is there a shape whose points the field could be lowered
-    // to.
+    // Nothing that training could go back to has a surface, nor is there a shape whose points the field could be
+    // lowered to.
     let mut sphere = tiny();
     sphere.start.shape = StartShape::Sphere;
     stuck(at_training(&ball(60), &sphere), 100.0, ErrorKind::NoSurface, "start.steps", 0);

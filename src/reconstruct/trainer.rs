@@ -102,7 +102,8 @@ pub struct Trainer {
     /// Distinct points, input frame.
     pub(super) input: Vec<[f32; 3]>,
     pub(super) normalizer: Normalizer,
-    /// Distinct points, working frame, thinned if there are many, and without their noise once the first shape is found.
+    /// Distinct points, working frame, thinned if there are many, and without their noise once the first shape is
+    /// found.
     pub(super) cloud: Vec<[f32; 3]>,
     /// The order in which a cloud larger than a step is gone through.
     pub(super) order: Vec<u32>,

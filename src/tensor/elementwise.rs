@@ -40,8 +40,8 @@ pub(crate) fn map2(a: &Tensor, b: &Tensor, f: impl Fn(&mut [f32], &[f32], &[f32]
     out
 }
 
-/// Rows of `cols` values that a thread works on at a time in passes that compute every row alone; fixed by the shape, so
-/// nothing depends on the thread count.
+/// Rows of `cols` values that a thread works on at a time in passes that compute every row alone; fixed by the shape,
+/// so nothing depends on the thread count.
 pub(crate) fn row_block(cols: usize) -> usize {
     (BLOCK / cols.max(1)).max(1)
 }

@@ -2,8 +2,8 @@
 //!
 //! A setting changes a base configuration and nothing else, so the same list serves every preset. The figures are those
 //! of the tables of Noda et al., "Learning Bijective Surface Parameterization for Inferring Signed Distance Functions
-//! from Sparse Point Clouds with Grid Deformation" (CVPR 2025): means over the lamp class of ShapeNet, so the trend from
-//! row to row can be compared with ours and the figures cannot.
+//! from Sparse Point Clouds with Grid Deformation" (CVPR 2025): means over the lamp class of ShapeNet, so the trend
+//! from row to row can be compared with ours and the figures cannot.
 //!
 //! | settings | paper | what changes |
 //! |---|---|---|

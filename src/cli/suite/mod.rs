@@ -114,6 +114,9 @@ pub struct SuiteArgs {
     /// Upward axis of the pictures
     #[arg(long, value_enum, default_value_t = Axis::Y)]
     up: Axis,
+    /// Make runs that failed again, with a newer build for example
+    #[arg(long)]
+    retry: bool,
     /// Only print what would be run and the table of what there is
     #[arg(long)]
     dry_run: bool,
@@ -175,18 +178,21 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     if held.torn > 0 {
         common.note(&format!("{}: dropped the last line, which is not whole", runs.display()));
     }
-    let open = plan.open(&held.records);
+    let mut records = held.records.clone();
+    if args.retry {
+        records.retain(|_, record| record.failure.is_none());
+    }
+    let open = plan.open(&records);
     let text = overview(&plan, args, open.len());
     if args.dry_run {
-        let results = Results { plan: &plan, records: &held.records };
+        let results = Results { plan: &plan, records: &records };
         return print(format!("{text}\n\n{}", tables::settings(results, args.ablations).to_markdown()));
     }
     common.note(&text);
-    note_builds(&plan, &held.records, common);
+    note_builds(&plan, &records, common);
 
     make_directory(&args.out)?;
     let store = Store::open(&runs, &held)?;
-    let mut records = held.records;
     let mut stopped = None;
     if !open.is_empty() {
         let interrupt = Interrupt::install(
@@ -257,10 +263,7 @@ fn title(plan: &Plan<'_>, args: &SuiteArgs) -> String {
         text += &format!(", {points} points");
     }
     if let Some(noise) = args.noise {
-        text += &match noise {
-            Noise::Absolute(x) => format!(", noise {x}"),
-            Noise::Relative(part) => format!(", noise {} %", 100.0 * part),
-        };
+        text += &format!(", noise {noise}");
     }
     text + &format!(", meshes of {} cubes, {} samples", args.resolution, args.samples)
 }
@@ -291,21 +294,21 @@ fn draw_sheets(results: Results<'_>, args: &SuiteArgs) -> Result<(), Failure> {
         if entries.is_empty() || results.plan.same_as(setting).is_some() {
             continue;
         }
-        let title = sheet_title(results, setting, seed);
-        let image = sheet::draw(&title, &entries, &view, &args.out);
+        let titles = sheet_titles(results, setting, seed);
+        let image = sheet::draw(&titles, &entries, &view, &args.out);
         let path = args.out.join(format!("sheet_{}.png", setting.file_name()));
         write_bytes(&path, &image.to_small_png())?;
     }
     Ok(())
 }
 
-fn sheet_title(results: Results<'_>, setting: &Setting, seed: u64) -> String {
+/// The two lines above a sheet.
+fn sheet_titles(results: Results<'_>, setting: &Setting, seed: u64) -> [String; 2] {
     let s = results.summary(setting);
     let figure = |x: Option<f64>| x.map_or("-".to_string(), |x| format!("{x:.4}"));
-    format!(
-        "{}, seed {seed}: points, result, truth; worst first. All seeds: 10 CD_L1 {} mean {} median, NC {}, {} of {} \
-         closed, {} of {} in one part, {} failures",
-        setting.name,
+    let what = format!("{}, seed {seed}: points, result, truth; worst first. All seeds:", setting.name);
+    let figures = format!(
+        "10 CD_L1 {} mean {} median, NC {}, {} of {} closed, {} of {} in one part, {} failures",
         figure(s.cd_l1[0]),
         figure(s.cd_l1[2]),
         figure(s.nc),
@@ -314,7 +317,8 @@ fn sheet_title(results: Results<'_>, setting: &Setting, seed: u64) -> String {
         s.single.yes,
         s.single.all,
         s.failures
-    )
+    );
+    [what, figures]
 }
 
 fn make_directory(path: &Path) -> Result<(), Failure> {

@@ -48,6 +48,13 @@ pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measur
     let optional = |text: Option<&str>| text.map_or("null".to_string(), super::super::json::quoted);
     let mesh = outcome.topology.as_ref().map(|_| job.mesh_file());
     let report = outcome.report.as_ref();
+    let options = job.config().entries().into_iter();
+    let options = options.fold(Object::new(), |object, (key, value)| object.text(key, &value)).finish();
+    let input = &job.setting.input;
+    let input = Object::new()
+        .raw("points", input.points.map_or("null".to_string(), |n| n.to_string()))
+        .raw("noise", optional(input.noise.map(|noise| noise.to_string()).as_deref()))
+        .finish();
     Object::new()
         .text("shape", &job.shape.name)
         .raw("truth", optional(job.shape.truth.as_ref().map(|t| t.0.as_str())))
@@ -61,11 +68,14 @@ pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measur
         .text("version", env!("CARGO_PKG_VERSION"))
         .raw("build", optional(machine.build.as_deref()))
         .text("fingerprint", &job.fingerprint)
+        .raw("options", options)
+        .raw("input", input)
         .count("points", outcome.points)
         .count("steps", outcome.steps)
         .count("recoveries", outcome.recoveries)
         .number("noise_removed", outcome.noise_removed)
         .count("resolution", measure.resolution)
+        .count("samples", measure.samples)
         .raw("mesh", optional(mesh.as_deref()))
         .raw("report", report.map_or("null".to_string(), |r| report_json(&job.shape.name, r)))
         .raw("result_topology", topology(&outcome.topology))
@@ -213,6 +223,12 @@ pub mod tests {
         assert_eq!(json["shape"], "a \"b\"");
         assert_eq!(json["setting"], "multiple:3");
         assert_eq!(json["seed"], u64::MAX);
+        // The seed of the options is the run's; nothing is done to the input.
+        assert_eq!(
+            (&json["options"]["seed"], &json["options"]["parameterization"]),
+            (&"18446744073709551615".into(), &"multiple:3".into())
+        );
+        assert!(json["input"]["points"].is_null() && json["input"]["noise"].is_null());
         let form = Form { components: 1, genus: Some(0), closed: true, oriented: true };
         let m = &report.metrics;
         let figures = Figures {

@@ -37,6 +37,22 @@ impl<'a> Results<'a> {
         Summary::of(self.made(setting).into_iter().map(|(_, record)| record), planned)
     }
 
+    /// CD_L1 against that of the first setting, where both have a result for a shape and a seed; nothing for the first.
+    pub fn against_first(&self, setting: &Setting) -> Option<Against> {
+        let first = self.plan.settings.first().filter(|first| first.name != setting.name)?;
+        let cds = |of: &Setting| -> HashMap<(&str, u64), f64> {
+            let made = self.made(of).into_iter();
+            made.filter_map(|(job, record)| Some(((job.shape.name.as_str(), job.seed), record.cd()?)))
+                .collect()
+        };
+        let base = cds(first);
+        let pairs: Vec<(f64, f64)> =
+            cds(setting).into_iter().filter_map(|(run, cd)| Some((cd, *base.get(&run)?))).collect();
+        let log = mean(pairs.iter().map(|(cd, base)| (cd / base).ln()))?;
+        let yes = pairs.iter().filter(|(cd, base)| cd < base).count();
+        Some(Against { ratio: log.exp(), better: Share { yes, all: pairs.len() } })
+    }
+
     /// The mean over the seeds of 10 x CD_L1 of a shape.
     pub fn mean_cd(&self, setting: &Setting, shape: &str) -> Option<f64> {
         let of_shape = self.made(setting).into_iter().filter(|(job, _)| job.shape.name == shape);
@@ -101,6 +117,15 @@ impl Record {
 pub struct Share {
     pub yes: usize,
     pub all: usize,
+}
+
+/// A setting against another, run by run.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Against {
+    /// The geometric mean of the ratios.
+    pub ratio: f64,
+    /// Runs that are better, of those compared.
+    pub better: Share,
 }
 
 /// The runs of a setting together. Means and percentiles are over those that have the figure.

@@ -27,6 +27,8 @@ const GAP: usize = 8;
 const DOT: usize = 2;
 /// Pixels for the two lines below each shape.
 const LABEL: usize = 2 * LINE + 4;
+/// Pixels for the two lines above all shapes.
+const TITLE: usize = 2 * LINE + 2 * GAP;
 /// Pixels from a line of text to the next.
 const LINE: usize = 9 * DOT + 2;
 
@@ -78,18 +80,18 @@ impl Layout {
     /// Width and height of the whole.
     fn size(&self) -> [usize; 2] {
         let [width, height] = self.cell();
-        [GAP + self.columns * (width + GAP), LINE + 2 * GAP + self.rows * (height + GAP)]
+        [GAP + self.columns * (width + GAP), TITLE + self.rows * (height + GAP)]
     }
 
     /// Where a shape begins: row by row.
     fn at(&self, i: usize) -> [usize; 2] {
         let [width, height] = self.cell();
-        [GAP + i % self.columns * (width + GAP), LINE + 2 * GAP + i / self.columns * (height + GAP)]
+        [GAP + i % self.columns * (width + GAP), TITLE + i / self.columns * (height + GAP)]
     }
 }
 
-/// Draws a setting's shapes, the worst first; `out` is the directory of the results.
-pub fn draw(title: &str, entries: &[Entry<'_>], view: &View, out: &Path) -> Image {
+/// Draws a setting's shapes, the worst first, below two lines of text; `out` is the directory of the results.
+pub fn draw(titles: &[String; 2], entries: &[Entry<'_>], view: &View, out: &Path) -> Image {
     let mut sorted: Vec<&Entry<'_>> = entries.iter().collect();
     // Failed runs have no figure and are worst of all.
     let worth = |e: &Entry<'_>| (e.record.failure.is_some(), e.record.cd().unwrap_or(0.0));
@@ -100,7 +102,9 @@ pub fn draw(title: &str, entries: &[Entry<'_>], view: &View, out: &Path) -> Imag
     let layout = Layout::of(sorted.len());
     let [width, height] = layout.size();
     let mut image = Image::plain(width, height, WHITE);
-    image.text(title, [GAP, GAP], DOT, INK);
+    for (i, title) in titles.iter().enumerate() {
+        image.text(&shortened(title, width - 2 * GAP), [GAP, GAP + i * LINE], DOT, INK);
+    }
     let cells: Vec<Image> = sorted.par_iter().map(|entry| cell(entry, layout, view, out)).collect();
     for (i, cell) in cells.iter().enumerate() {
         let [x, y] = layout.at(i);
