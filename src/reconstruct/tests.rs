@@ -28,7 +28,8 @@ pub(super) fn tiny() -> Config {
     (config.start.width, config.start.regularity) = (0.5, 0.05);
     config.start.steps = 30;
     config.stages = vec![Stage { resolution: 8, steps: 6 }, Stage { resolution: 12, steps: 6 }];
-    config.surface_samples = 0;
+    // The grids that the stages say, whatever the area.
+    (config.surface_samples, config.reference_area) = (0, 0.0);
     config
 }
 
