@@ -225,7 +225,7 @@ pub mod tests {
         assert_eq!(json["seed"], u64::MAX);
         // The seed of the options is the run's; nothing is done to the input.
         assert_eq!(json["options"]["seed"], u64::MAX.to_string());
-        assert_eq!(json["options"]["parameterization"], setting.config.parameterization.to_string());
+        assert_eq!(json["options"]["bsp.patch"], setting.config.bsp.patch.to_string());
         assert!(json["input"]["points"].is_null() && json["input"]["noise"].is_null());
         let form = Form { components: 1, genus: Some(0), closed: true, oriented: true };
         let m = &report.metrics;
