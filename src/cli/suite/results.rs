@@ -40,14 +40,13 @@ impl<'a> Results<'a> {
     /// CD_L1 against that of the first setting, where both have a result for a shape and a seed; nothing for the first.
     pub fn against_first(&self, setting: &Setting) -> Option<Against> {
         let first = self.plan.settings.first().filter(|first| first.name != setting.name)?;
-        let cds = |of: &Setting| -> HashMap<(&str, u64), f64> {
-            let made = self.made(of).into_iter();
-            made.filter_map(|(job, record)| Some(((job.shape.name.as_str(), job.seed), record.cd()?)))
-                .collect()
-        };
-        let base = cds(first);
+        let run = |job: &Job<'a>| (job.shape.name.as_str(), job.seed);
+        let made = self.made(first).into_iter();
+        let base: HashMap<_, f64> = made.filter_map(|(job, record)| Some((run(job), record.cd()?))).collect();
+        // In the order of the plan, so that the sum is the same each time.
+        let made = self.made(setting).into_iter();
         let pairs: Vec<(f64, f64)> =
-            cds(setting).into_iter().filter_map(|(run, cd)| Some((cd, *base.get(&run)?))).collect();
+            made.filter_map(|(job, record)| Some((record.cd()?, *base.get(&run(job))?))).collect();
         let log = mean(pairs.iter().map(|(cd, base)| (cd / base).ln()))?;
         let yes = pairs.iter().filter(|(cd, base)| cd < base).count();
         Some(Against { ratio: log.exp(), better: Share { yes, all: pairs.len() } })

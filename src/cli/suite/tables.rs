@@ -137,7 +137,8 @@ fn notes(paper: bool) -> String {
         "CD_L1, CD_L2, NC, HD and F (at 0.01) are means over the runs that gave a mesh, in the frame in which the \
          truth's longest side is 1; 5, 50 and 95 % are percentiles of 10 CD_L1; floor is the 10 CD_L1 that the truth \
          itself would get; ratio is the geometric mean, over shapes and seeds, of CD_L1 over that of the first \
-         setting, better counts where it is less. closed: closed and oriented, of all runs; one part: of those whose truth is in one part; \
+         setting, better counts where it is less. closed: closed and oriented, of all runs; one part: of those whose \
+         truth is in one part; \
          failures: errors, and 10 CD_L1 above 0.3. Seconds are wall time of training and meshing.\n",
     );
     if paper {
