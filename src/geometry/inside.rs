@@ -88,6 +88,30 @@ mod tests {
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
+    /// Its acute edge is on the y axis.
+    fn wedge() -> TriangleMesh {
+        TriangleMesh {
+            verts: vec![
+                [0.0, -0.5, 0.0],
+                [0.0, 0.5, 0.0],
+                [1.0, -0.5, 0.1],
+                [1.0, 0.5, 0.1],
+                [1.0, -0.5, -0.1],
+                [1.0, 0.5, -0.1],
+            ],
+            faces: vec![
+                [0, 2, 3],
+                [0, 3, 1],
+                [0, 1, 5],
+                [0, 5, 4],
+                [2, 4, 5],
+                [2, 5, 3],
+                [0, 4, 2],
+                [1, 3, 5],
+            ],
+        }
+    }
+
     /// Solid angles of all faces over the sphere's: the winding number by its definition.
     fn naive(mesh: &TriangleMesh, q: [f32; 3]) -> f64 {
         let angle = |face: &[u32; 3]| {
@@ -141,26 +165,7 @@ mod tests {
     /// Beyond an acute edge the faces that meet in it disagree about the side.
     #[test]
     fn is_right_beyond_sharp_edges() {
-        let wedge = TriangleMesh {
-            verts: vec![
-                [0.0, -0.5, 0.0],
-                [0.0, 0.5, 0.0],
-                [1.0, -0.5, 0.1],
-                [1.0, 0.5, 0.1],
-                [1.0, -0.5, -0.1],
-                [1.0, 0.5, -0.1],
-            ],
-            faces: vec![
-                [0, 2, 3],
-                [0, 3, 1],
-                [0, 1, 5],
-                [0, 5, 4],
-                [2, 4, 5],
-                [2, 5, 3],
-                [0, 4, 2],
-                [1, 3, 5],
-            ],
-        };
+        let wedge = wedge();
         assert!(wedge.topology().closed && wedge.topology().volume > 0.0);
         let tree = TriangleBvh::new(&wedge).unwrap();
         for z in [-0.3, -0.01, 0.0, 0.01, 0.3] {
@@ -227,22 +232,7 @@ mod tests {
     /// Where the nearest point is on an acute edge, one of the faces there looks away.
     #[test]
     fn distances_beyond_an_acute_edge_are_positive() {
-        let side = |y: f32| [[0.0, y, 0.0], [1.0, y, 0.1], [1.0, y, -0.1]];
-        let wedge = TriangleMesh {
-            verts: [side(-0.5), side(0.5)].concat(),
-            faces: vec![
-                [0, 1, 4],
-                [0, 4, 3],
-                [0, 3, 5],
-                [0, 5, 2],
-                [1, 2, 5],
-                [1, 5, 4],
-                [0, 2, 1],
-                [3, 4, 5],
-            ],
-        };
-        assert!(wedge.topology().closed && wedge.topology().volume > 0.0);
-        let tree = TriangleBvh::new(&wedge).unwrap();
+        let tree = TriangleBvh::new(&wedge()).unwrap();
         for z in [-0.02f32, 0.02] {
             let want = 0.1f32.hypot(0.02);
             let (distance, gradient) = tree.signed_distance([-0.1, 0.1, z]);
@@ -250,5 +240,8 @@ mod tests {
             assert!((gradient[0] + 0.1 / want).abs() < 1e-4 && (gradient[2] - z / want).abs() < 1e-4);
         }
         assert!(tree.signed_distance([0.9, 0.1, 0.0]).0 < 0.0);
+        // Too close for the way to the surface to have a direction: the face's.
+        let (distance, gradient) = tree.signed_distance([1.00005, 0.1, 0.0]);
+        assert!((distance - 5e-5).abs() < 1e-6 && gradient == [1.0, 0.0, 0.0], "{distance} {gradient:?}");
     }
 }
