@@ -283,6 +283,18 @@ fn plane_at(points: &[[f64; 3]], row: usize, k: usize) -> f64 {
     }
 }
 
+/// [[K, P], [P^T, 0]] with `smoothing` added to the values' diagonal.
+#[cfg(test)]
+pub(super) fn saddle(points: &[[f64; 3]], smoothing: f64) -> DMatrix<f64> {
+    let (n, all) = (points.len(), 4 * points.len());
+    DMatrix::from_fn(all + 4, all + 4, |i, j| match (i < all, j < all) {
+        (true, true) => kernel_at(points, i, j) + if i == j && i < n { smoothing } else { 0.0 },
+        (true, false) => plane_at(points, i, j - all),
+        (false, true) => plane_at(points, j, i - all),
+        (false, false) => 0.0,
+    })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -393,12 +405,7 @@ mod tests {
     fn smoothing_is_what_it_adds_to_the_diagonal() {
         let points: Vec<[f64; 3]> = sphere(9, 0.4).iter().map(|p| p.map(f64::from)).collect();
         let n = 4 * points.len();
-        let whole = DMatrix::from_fn(n + 4, n + 4, |i, j| match (i < n, j < n) {
-            (true, true) => kernel_at(&points, i, j) + if i == j && i < points.len() { 1e-3 } else { 0.0 },
-            (true, false) => plane_at(&points, i, j - n),
-            (false, true) => plane_at(&points, j, i - n),
-            (false, false) => 0.0,
-        });
+        let whole = saddle(&points, 1e-3);
         let inverse = whole.try_inverse().unwrap();
         let system = System::new(&points).unwrap().smoothed(1e-3).unwrap();
         let most = inverse.amax();
@@ -411,12 +418,7 @@ mod tests {
     fn the_inverse_is_that_of_the_whole_system() {
         let points: Vec<[f64; 3]> = sphere(9, 0.4).iter().map(|p| p.map(f64::from)).collect();
         let n = 4 * points.len();
-        let whole = DMatrix::from_fn(n + 4, n + 4, |i, j| match (i < n, j < n) {
-            (true, true) => kernel_at(&points, i, j),
-            (true, false) => plane_at(&points, i, j - n),
-            (false, true) => plane_at(&points, j, i - n),
-            (false, false) => 0.0,
-        });
+        let whole = saddle(&points, 0.0);
         assert_eq!(whole, whole.transpose());
         let inverse = whole.try_inverse().unwrap();
         let system = System::new(&points).unwrap();
