@@ -247,6 +247,16 @@ mod tests {
         assert!((got - want).abs() < 1e-5 * want, "{got} is not {want}");
     }
 
+    #[test]
+    fn grids_are_finer_only_where_points_are_dense() {
+        let at = |n: usize, area: f64| {
+            resolution_for_area(PLATE_RESOLUTION, area, covered(n)).max(PLATE_RESOLUTION)
+        };
+        // 300 points of most shapes keep the usual grid, those of a blade do not; nor do more points of a small shape.
+        assert_eq!([at(300, 2.2), at(300, 0.56), at(1200, 2.2), at(5000, 2.2)], [PLATE_RESOLUTION; 4]);
+        assert!(at(300, 0.12) > PLATE_RESOLUTION && at(1200, 0.56) > PLATE_RESOLUTION);
+    }
+
     /// 0.01 thick, half a cube of the usual grids.
     #[test]
     fn a_blade_comes_out_whole() {
