@@ -27,6 +27,9 @@ const SURE: f64 = 3.0;
 /// Noise, as estimated (standard deviation, working frame), that is worth taking off; less may be detail. Estimates are
 /// low, for the normals take some of it, and the smoothing of every plate is not counted: 0.002 to 0.004 for 0.005.
 const NEGLIGIBLE: f64 = 1.7e-3;
+/// How far points may move (root of the mean square), in standard deviations of the noise as estimated: by more than
+/// their noise only where the surface leaves detail out (Morozov's discrepancy principle), and estimates are low.
+const MOST_MOVED: f64 = 1.5;
 /// The median of the square of a standard normal number.
 const MEDIAN_SQUARE: f64 = 0.4549;
 
@@ -48,7 +51,8 @@ pub struct Denoised {
 /// that makes the points most probable. If the best mean is above that without smoothing by three standard errors of
 /// the difference, the least smooth surface whose mean is within one standard error of the best is chosen. The points
 /// move onto it if the noise that it stands for, the root of its parameter times the amplitude that most points speak
-/// for, is at least 0.0017. In all other cases, and for clouds whose size is not in [`DENOISED_POINTS`], they are
+/// for, is at least 0.0017; if they would move by more than 1.5 times that noise, onto the smoothest one to which they
+/// move by less. In all other cases, and for clouds whose size is not in [`DENOISED_POINTS`], they are
 /// returned as they are.
 ///
 /// # Panics
@@ -71,21 +75,27 @@ fn smoothed(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<Denoised> {
     let all: Vec<(&System, Vec<Matrix4<f64>>)> =
         std::iter::once(&through).chain(&systems).map(|system| (system, covariances(system))).collect();
     let rough = through.least_bending(directions(normals));
-    let (chosen, gradients) = REFERENCES.iter().find_map(|&reference| {
+    let (chosen, noise, gradients) = REFERENCES.iter().find_map(|&reference| {
         let gradients = systems[reference].least_bending(rough.clone());
         let rows: Vec<Vec<Forecast>> =
             all.iter().map(|(system, covariances)| forecasts(system, covariances, &gradients)).collect();
         let chosen = choose(&rows)?;
-        (noise(SMOOTHINGS[chosen - 1], &rows[chosen]) >= NEGLIGIBLE).then_some((chosen - 1, gradients))
+        let noise = noise(SMOOTHINGS[chosen - 1], &rows[chosen]);
+        (noise >= NEGLIGIBLE).then_some((chosen - 1, noise, gradients))
     })?;
-    let system = &systems[chosen];
+    let moved = |system| on_surface(system, points, &centres, gradients.clone());
+    systems[..=chosen].iter().rev().map(moved).find(|denoised| denoised.moved <= MOST_MOVED * noise)
+}
+
+/// The points moved onto the surface of a plate, whose gradients are found near the given ones (3 n, unit).
+fn on_surface(system: &System, points: &[[f32; 3]], centres: &[[f64; 3]], gradients: Vec<f64>) -> Denoised {
     let gradients = system.least_bending(gradients);
-    let values = system.interpolant(&centres, &gradients).sdf(points);
+    let values = system.interpolant(centres, &gradients).sdf(points);
     // Unit gradients: f is how far a point is from the surface, to first order.
     let moved = points.iter().zip(&values).zip(gradients.as_chunks::<3>().0);
     let moved = moved.map(|((p, &f), g)| std::array::from_fn(|k| p[k] - f * g[k] as f32)).collect();
     let square = values.iter().map(|&f| f64::from(f).powi(2)).sum::<f64>();
-    Some(Denoised { points: moved, moved: (square / values.len() as f64).sqrt() })
+    Denoised { points: moved, moved: (square / values.len() as f64).sqrt() }
 }
 
 /// What all other points say of one.
