@@ -84,7 +84,12 @@ fn smoothed(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<Denoised> {
         (noise >= NEGLIGIBLE).then_some((chosen - 1, noise, gradients))
     })?;
     let moved = |system| on_surface(system, points, &centres, gradients.clone());
-    systems[..=chosen].iter().rev().map(moved).find(|denoised| denoised.moved <= MOST_MOVED * noise)
+    within(systems[..=chosen].iter().rev().map(moved), noise)
+}
+
+/// The first of several, from the smoothest on, that moves the points by no more than about their noise.
+fn within(mut candidates: impl Iterator<Item = Denoised>, noise: f64) -> Option<Denoised> {
+    candidates.find(|denoised| denoised.moved <= MOST_MOVED * noise)
 }
 
 /// The points moved onto the surface of a plate, whose gradients are found near the given ones (3 n, unit).
@@ -366,6 +371,27 @@ mod tests {
             let rows: Vec<Vec<Forecast>> = rows.into_iter().cloned().collect();
             assert_eq!(choose(&rows), want, "{rows:?}");
         }
+    }
+
+    #[test]
+    fn points_do_not_move_by_more_than_their_noise() {
+        let candidate = |moved: f64| Denoised { points: Vec::new(), moved };
+        let taken = |moves: &[f64]| within(moves.iter().map(|&m| candidate(m)), 2.0).map(|d| d.moved);
+        assert_eq!(taken(&[2.9, 1.0]), Some(2.9));
+        assert_eq!(taken(&[9.0, 3.1, 2.5, 0.5]), Some(2.5));
+        assert_eq!(taken(&[f64::NAN, 3.1]), None);
+        // Less smooth plates are the way to smaller moves.
+        let (exact, normals) = TORUS.sample(80, 3);
+        let points = noisy(&exact, 0.02, 7);
+        let centres: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
+        let through = System::new(&centres).unwrap();
+        let moves: Vec<f64> = [1e-2, 1e-3, 1e-4, 1e-5]
+            .map(|smoothing| {
+                let system = through.smoothed(smoothing).unwrap();
+                on_surface(&system, &points, &centres, directions(&normals)).moved
+            })
+            .to_vec();
+        assert!(moves.is_sorted_by(|a, b| a > b) && moves[3] > 0.0, "{moves:?}");
     }
 
     proptest! {

@@ -31,6 +31,11 @@ fn covered(n: usize) -> f64 {
     USUAL_AREA * (n as f64 / POINTS_SERVED).min(1.0)
 }
 
+/// Cubes along each side of the grid for the surface of `n` points: the `usual` ones, or more if it has little area.
+fn fine_enough(usual: usize, area: f64, n: usize) -> usize {
+    resolution_for_area(usual, area, covered(n)).max(usual)
+}
+
 /// The surface that the parametric Gauss formula finds among `points` (n x 3, working frame), without its small parts;
 /// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more, and from a finer one if it has little
 /// area for so many points ([`resolution_for_area`]).
@@ -60,7 +65,7 @@ pub fn gauss_shape(
         Err(e) if e.kind() == ErrorKind::NoSurface => 0.0,
         Err(_) => return found,
     };
-    let resolution = resolution_for_area(usual, area, covered(points.len())).max(usual);
+    let resolution = fine_enough(usual, area, points.len());
     let found = if resolution == usual { found } else { surface(resolution).or(found) };
     found.map_err(|e| {
         if e.kind() != ErrorKind::NoSurface {
@@ -189,8 +194,8 @@ pub fn plate_shapes(
             });
             Ok(values)
         };
-        let resolution = resolution_for_area(PLATE_RESOLUTION, rough.topology().area, covered(points.len()));
-        let grid = TetGrid::working_frame(resolution.max(PLATE_RESOLUTION))?;
+        let resolution = fine_enough(PLATE_RESOLUTION, rough.topology().area, points.len());
+        let grid = TetGrid::working_frame(resolution)?;
         let options = NarrowBandOptions { seeds: points, ..Default::default() };
         Ok(extract(&grid, &mut eval, &options)?.keep_large(MIN_PART))
     };
@@ -249,9 +254,7 @@ mod tests {
 
     #[test]
     fn grids_are_finer_only_where_points_are_dense() {
-        let at = |n: usize, area: f64| {
-            resolution_for_area(PLATE_RESOLUTION, area, covered(n)).max(PLATE_RESOLUTION)
-        };
+        let at = |n: usize, area: f64| fine_enough(PLATE_RESOLUTION, area, n);
         // 300 points of most shapes keep the usual grid, those of a blade do not; nor do more points of a small shape.
         assert_eq!([at(300, 2.2), at(300, 0.56), at(1200, 2.2), at(5000, 2.2)], [PLATE_RESOLUTION; 4]);
         assert!(at(300, 0.12) > PLATE_RESOLUTION && at(1200, 0.56) > PLATE_RESOLUTION);
