@@ -19,12 +19,12 @@ const SMOOTHINGS: [f64; 7] = [1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
 /// follow the points closely foresee their noise, those of too smooth a surface know nothing of thin parts.
 const REFERENCES: [usize; 3] = [6, 4, 2];
 /// Standard errors by which the best smoothing must foresee better than none. No level of significance, as the best of
-/// several is taken: it was set, with [`NEGLIGIBLE`], on 207 exact clouds of 69 shapes, of which 10 pass. All but one are
-/// of parts whose walls are thinner than the gaps between points, which look like noise.
+/// several is taken: it was set, with [`NEGLIGIBLE`], on 207 exact clouds of 69 shapes, of which 10 pass. All but one
+/// are of parts whose walls are thinner than the gaps between points, which look like noise.
 const SURE: f64 = 3.0;
 /// Noise, as estimated (standard deviation, working frame), that is worth taking off; less may be detail. Estimates are
-/// rather low, for the normals take some of it: where it is found, 0.0045 for 0.005 (median of 27 clouds) and 0.0078 for
-/// 0.01 (of 28).
+/// rather low, for the normals take some of it: where it is found, 0.0045 for 0.005 (median of 27 clouds) and 0.0078
+/// for 0.01 (of 28).
 const NEGLIGIBLE: f64 = 3e-3;
 /// The least slope that is believed, so that no place has the density 0. Not tuned.
 const LEAST_SLOPE: f64 = 0.05;
