@@ -352,15 +352,19 @@ mod tests {
         }
     }
 
+    /// Forecasts of 39 points, no two alike; slopes from `least` on.
+    fn uneven(least: f64) -> Vec<Forecast> {
+        let one = |i: u32| Forecast {
+            error: 0.1 * f64::from(i % 7),
+            variance: 0.2 + f64::from(i % 5),
+            slope: least + 0.3 * f64::from(i % 4),
+        };
+        (1..40).map(one).collect()
+    }
+
     #[test]
     fn probabilities_are_normal_and_the_best_amplitude_is_taken() {
-        let row: Vec<Forecast> = (1..40)
-            .map(|i| Forecast {
-                error: 0.1 * f64::from(i % 7),
-                variance: 0.2 + f64::from(i % 5),
-                slope: 0.3 * f64::from(i % 4),
-            })
-            .collect();
+        let row = uneven(0.0);
         let log_density = |f: &Forecast, amplitude: f64| {
             let variance = amplitude * f.variance;
             -0.5 * (variance.ln() + f.error.powi(2) / variance) + f.slope.max(LEAST_SLOPE).ln()
@@ -376,13 +380,7 @@ mod tests {
     /// Twice f is the same surface.
     #[test]
     fn densities_of_places_do_not_depend_on_the_scale_of_f() {
-        let row: Vec<Forecast> = (1..40)
-            .map(|i| Forecast {
-                error: 0.1 * f64::from(i % 7),
-                variance: 0.2 + f64::from(i % 5),
-                slope: 0.3 + 0.1 * f64::from(i % 4),
-            })
-            .collect();
+        let row = uneven(0.1);
         let scaled: Vec<Forecast> =
             row.iter().map(|f| Forecast { error: 2.0 * f.error, slope: 2.0 * f.slope, ..*f }).collect();
         for (a, b) in log_densities(&row).iter().zip(log_densities(&scaled)) {
