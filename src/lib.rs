@@ -70,6 +70,7 @@ pub mod nn;
 pub mod ops;
 pub mod optim;
 pub mod reconstruct;
+mod simd;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};

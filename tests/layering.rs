@@ -4,24 +4,25 @@ use std::fs;
 use std::path::Path;
 
 /// Every module with its layer. A module may use those of lower layers and itself, not its neighbours.
-const LAYERS: [(&str, usize); 17] = [
+const LAYERS: [(&str, usize); 18] = [
     ("error", 0),
-    ("atomic", 1),
-    ("tensor", 1),
-    ("geometry", 1),
-    ("io", 2),
-    ("autodiff", 2),
-    ("ops", 3),
-    ("nn", 4),
-    ("optim", 4),
-    ("loss", 5),
-    ("bsp", 5),
-    ("gdo", 5),
-    ("reconstruct", 6),
-    ("evaluate", 7),
-    ("cli", 8),
-    ("main", 9),
-    ("lib", 9),
+    ("simd", 1),
+    ("atomic", 2),
+    ("tensor", 2),
+    ("geometry", 2),
+    ("io", 3),
+    ("autodiff", 3),
+    ("ops", 4),
+    ("nn", 5),
+    ("optim", 5),
+    ("loss", 6),
+    ("bsp", 6),
+    ("gdo", 6),
+    ("reconstruct", 7),
+    ("evaluate", 8),
+    ("cli", 9),
+    ("main", 10),
+    ("lib", 10),
 ];
 
 /// Modules that may use less than their layer would allow.
@@ -34,7 +35,8 @@ const ROOT_NAMES: [(&str, &str); 2] = [("Error", "error"), ("ErrorKind", "error"
 /// Files that may print: the program.
 const MAY_PRINT: [&str; 2] = ["cli", "main"];
 const PRINTING: [&str; 7] = ["print", "println", "eprint", "eprintln", "dbg", "todo", "unimplemented"];
-const UNSAFE_FILE: &str = "tensor/simd.rs";
+/// Files that may be unsafe: the loops at the width of the registers.
+const UNSAFE_ROOM: &str = "simd/";
 const MAX_LINES: usize = 600;
 /// Columns of a comment, but for tables; code is the formatter's.
 const MAX_COLUMNS: usize = 120;
@@ -286,8 +288,8 @@ fn breaches(files: &[Source]) -> Vec<String> {
             if printing && !MAY_PRINT.contains(&module(path)) {
                 out.push(format!("{path}:{line}: {token}! in the library"));
             }
-            if token == "unsafe" && path != UNSAFE_FILE {
-                out.push(format!("{path}:{line}: unsafe outside {UNSAFE_FILE}"));
+            if token == "unsafe" && !path.starts_with(UNSAFE_ROOM) {
+                out.push(format!("{path}:{line}: unsafe outside {UNSAFE_ROOM}"));
             }
             // `pub use` and `pub(crate) use`, up to the semicolon.
             exported |= token == "use" && i > 0 && (text(i - 1) == "pub" || text(i - 1) == ")");
@@ -393,7 +395,7 @@ fn breaches_of_the_house_rules_are_found() {
     let accepted = [
         ("cli/progress.rs", "fn f() { eprintln!(\"x\") }"),
         ("main.rs", "fn f() { eprintln!(\"x\") }"),
-        (UNSAFE_FILE, "fn f() { unsafe { g() } }"),
+        ("simd/a.rs", "fn f() { unsafe { g() } }"),
         ("lib.rs", "#![deny(unsafe_code)]"),
         ("nn/mlp.rs", "use a::b; fn f(x: &f32) -> f32 { (*x) * 2.0 }\n// println!()\nfn todo() {}"),
         ("nn/mlp.rs", "#[cfg(test)]\nmod tests { use super::*; }"),

@@ -205,7 +205,7 @@ impl Field {
             row[..3].copy_from_slice(x);
             for (f, part) in self.config.frequencies().zip(row[3..].chunks_exact_mut(6)) {
                 for d in 0..3 {
-                    (part[d], part[3 + d]) = crate::tensor::sin_cos(f * x[d]);
+                    (part[d], part[3 + d]) = crate::simd::sin_cos(f * x[d]);
                 }
             }
         }

@@ -10,7 +10,7 @@
 use super::cholesky::Symmetric;
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{KdTree, farthest_point_sample};
-use crate::tensor::kernel;
+use crate::simd::kernel;
 use rayon::prelude::*;
 
 /// Sources at most; larger clouds are thinned to evenly spread points, for the system costs O(n^3). More did not help:

@@ -14,7 +14,8 @@ use super::field::{Activation, Field, FieldConfig};
 use super::rows::{
     back_through_activation, back_through_slope, copy_columns, join, multiply, relu_rows, softplus_rows,
 };
-use crate::tensor::{MatRef, Panels, add_row_sums, gemm, gemm_panels, sin_cos_slice};
+use crate::simd::sin_cos_slice;
+use crate::tensor::{MatRef, Panels, add_row_sums, gemm, gemm_panels};
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
 
@@ -57,7 +58,7 @@ impl Weights {
     fn fill_straight(&mut self, field: &Field) {
         let depth = field.config().depth;
         self.straight.resize_with(depth, Panels::default);
-        self.straight.iter_mut().enumerate().for_each(|(l, w)| w.fill(MatRef::of(field.layer(l).0)));
+        self.straight.iter_mut().enumerate().for_each(|(l, w)| w.fill(field.layer(l).0.as_mat()));
     }
 
     /// Takes over those of a field.
@@ -65,7 +66,7 @@ impl Weights {
         self.fill_straight(field);
         self.transposed.resize_with(field.config().depth, Panels::default);
         let each = self.transposed.iter_mut().enumerate();
-        each.for_each(|(l, w)| w.fill(MatRef::of(field.layer(l).0).t()));
+        each.for_each(|(l, w)| w.fill(field.layer(l).0.as_mat().t()));
     }
 }
 
@@ -211,7 +212,7 @@ impl Block {
         let (weight, bias) = field.layer(config.depth);
         let outputs = room(&mut scratch.outputs, n * weight.cols());
         let last = &self.hidden[config.depth - 1].out[..n * c];
-        gemm(outputs, weight.cols(), false, mat(last, n, c), MatRef::of(weight));
+        gemm(outputs, weight.cols(), false, mat(last, n, c), weight.as_mat());
         for row in outputs.chunks_exact_mut(weight.cols()) {
             row.iter_mut().zip(bias.data()).for_each(|(o, b)| *o += b);
         }
@@ -362,7 +363,7 @@ impl Block {
         add_row_sums(&mut total[db], at_outputs);
         let at_outputs = mat(at_outputs, n, outputs);
         gemm(&mut total[dw], outputs, true, mat(&self.hidden[config.depth - 1].out, n, c).t(), at_outputs);
-        gemm(room(d, n * c), c, false, at_outputs, MatRef::of(last).t());
+        gemm(room(d, n * c), c, false, at_outputs, last.as_mat().t());
         for l in (0..config.depth).rev() {
             let Hidden { slope, adjoint, .. } = &self.hidden[l];
             let from = field.layer(l).0.rows();

@@ -1,6 +1,6 @@
 //! What happens between the matrix products of the field network: passes over the rows of a block.
 
-use crate::tensor::{kernel, softplus_sigmoid};
+use crate::simd::{kernel, softplus_sigmoid};
 use std::f32::consts::FRAC_1_SQRT_2;
 
 kernel! {

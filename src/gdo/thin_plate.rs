@@ -12,7 +12,7 @@ use super::cholesky::Symmetric;
 use crate::error::{Error, ErrorKind};
 use crate::geometry::farthest_point_sample;
 use crate::optim::{LbfgsOptions, lbfgs};
-use crate::tensor::kernel;
+use crate::simd::kernel;
 use nalgebra::{DMatrix, DMatrixView, DVector, Matrix4};
 use rayon::prelude::*;
 

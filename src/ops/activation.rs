@@ -2,7 +2,8 @@
 //! ordinary operations, so its training needs the derivative's derivative.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, kernel, map, map2, sigmoid_slice, softplus_sigmoid_slice};
+use crate::simd::{kernel, sigmoid_slice, softplus_sigmoid_slice};
+use crate::tensor::{Tensor, map, map2};
 use std::sync::Arc;
 
 kernel! {

@@ -1,7 +1,8 @@
 //! Sums, differences, products and quotients, with rows and columns broadcast; scaling and shifting.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, add_row_sums, kernel, map, map_rows, map2, sum_f64};
+use crate::simd::kernel;
+use crate::tensor::{Tensor, add_row_sums, map, map_rows, map2, sum_f64};
 
 /// How the second operand is spread over the first, which is n x c.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

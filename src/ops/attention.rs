@@ -5,7 +5,8 @@
 //! of the values is free. The residual that the gradient of a softmax needs is its output, which the tape holds anyway.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{MatRef, Tensor, exp, gemm, kernel, lane_dot, lane_max, lane_sum, map_rows};
+use crate::simd::{exp, kernel};
+use crate::tensor::{MatRef, Tensor, gemm, lane_dot, lane_max, lane_sum, map_rows};
 
 /// The columns of head `h`, as a matrix without copying.
 fn head(t: &Tensor, h: usize, heads: usize) -> MatRef<'_> {
@@ -78,7 +79,7 @@ impl Op<2> for Weights {
                         scaled_softmax_gradient(o, at.y.row(row), dw.row(row), scale);
                     }
                 });
-                let ds = MatRef::of(&ds);
+                let ds = ds.as_mat();
                 if let Some(dq) = &mut dq {
                     gemm(&mut dq.data_mut()[h * width..], c, false, ds, head(k, h, self.heads));
                 }

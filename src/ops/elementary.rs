@@ -1,7 +1,8 @@
 //! Elementary functions, element by element: exp, ln, sin, cos, sqrt, abs, square, tanh.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, exp_slice, kernel, map, map2, sin_cos_slice, tanh_slice};
+use crate::simd::{exp_slice, kernel, sin_cos_slice, tanh_slice};
+use crate::tensor::{Tensor, map, map2};
 
 /// Defines y = f(x) with dx = dy * g(x, y), both as loops over slices.
 macro_rules! elementary {

@@ -1,7 +1,8 @@
 //! Fourier octaves of coordinates.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, map_rows, sin_cos_slice};
+use crate::simd::sin_cos_slice;
+use crate::tensor::{Tensor, map_rows};
 
 /// `[x, sin x, cos x, sin 2x, cos 2x, ...]`, each a block of c columns.
 struct Fourier {

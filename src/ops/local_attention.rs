@@ -7,7 +7,8 @@
 
 use super::attention::{assert_heads, scale_of};
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{PARALLEL_MIN, Tensor, exp, kernel, lane_axpy, lane_dot, map_rows};
+use crate::simd::{exp, kernel};
+use crate::tensor::{PARALLEL_MIN, Tensor, lane_axpy, lane_dot, map_rows};
 use rayon::prelude::*;
 use std::sync::Arc;
 

@@ -1,7 +1,7 @@
 //! Matrix products in all transposed forms, and the affine map of a linear layer.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{MatRef, Tensor, add_row_sums, gemm, map_rows, matmul, matmul_nt, matmul_tn, matmul_tt};
+use crate::tensor::{Tensor, add_row_sums, gemm, map_rows, matmul, matmul_nt, matmul_tn, matmul_tt};
 
 /// op(a) op(b), each as it is or transposed.
 struct MatMul {
@@ -52,7 +52,7 @@ impl Op<3> for Linear {
                 row.copy_from_slice(b.data());
             }
         });
-        gemm(y.data_mut(), c, true, MatRef::of(x), MatRef::of(w));
+        gemm(y.data_mut(), c, true, x.as_mat(), w.as_mat());
         (y, ())
     }
     fn vjp(&self, at: At<'_, 3, ()>, dy: &Tensor) -> [Option<Tensor>; 3] {

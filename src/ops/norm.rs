@@ -1,7 +1,8 @@
 //! Layer normalisation and normalisation of rows to unit length.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, kernel, lane_dot, lane_sum, row_block};
+use crate::simd::kernel;
+use crate::tensor::{Tensor, lane_dot, lane_sum, row_block};
 use rayon::prelude::*;
 
 /// y = (x - mean) / sqrt(var + eps) * gain + bias, over each row (Ba, Kiros, Hinton 2016).

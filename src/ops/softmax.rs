@@ -1,13 +1,14 @@
 //! Softmax over the columns of a row, over all rows, and over groups of k rows.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, kernel, lane_dot, lane_max, lane_sum, map_rows};
+use crate::simd::kernel;
+use crate::tensor::{Tensor, lane_dot, lane_max, lane_sum, map_rows};
 
 kernel! {
     /// Softmax of one contiguous row.
     fn softmax_row(out: &mut [f32], x: &[f32]) {
         let max = lane_max(x);
-        for (o, &x) in out.iter_mut().zip(x) { *o = crate::tensor::exp(x - max); }
+        for (o, &x) in out.iter_mut().zip(x) { *o = crate::simd::exp(x - max); }
         let scale = 1.0 / lane_sum(out);
         for o in out.iter_mut() { *o *= scale; }
     }
@@ -63,7 +64,7 @@ kernel! {
         for (o, row) in out.chunks_exact_mut(c).zip(x.chunks_exact(c)) {
             for ((o, &x), &m) in o.iter_mut().zip(row).zip(scratch.iter()) { *o = x - m; }
         }
-        for o in out.iter_mut() { *o = crate::tensor::exp(*o); }
+        for o in out.iter_mut() { *o = crate::simd::exp(*o); }
         scratch.fill(0.0);
         for o in out.chunks_exact(c) {
             for (s, &o) in scratch.iter_mut().zip(o) { *s += o; }

@@ -1,7 +1,8 @@
 //! The Adam optimiser.
 
 use crate::error::{Error, ErrorKind};
-use crate::tensor::{Tensor, kernel};
+use crate::simd::kernel;
+use crate::tensor::Tensor;
 use std::sync::Arc;
 
 /// The constants of [`Adam`].

@@ -1,6 +1,7 @@
 //! The length of all gradients together, and a bound on it.
 
-use crate::tensor::{Tensor, kernel};
+use crate::simd::kernel;
+use crate::tensor::Tensor;
 
 kernel! {
     /// The sum of squares in f64, in eight interleaved partial sums folded in a fixed order.

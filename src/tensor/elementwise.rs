@@ -1,7 +1,7 @@
 //! Elementwise passes.
 
-use super::simd::kernel;
 use super::{PARALLEL_MIN, Tensor};
+use crate::simd::kernel;
 use rayon::prelude::*;
 
 /// Elements a thread works on at a time.

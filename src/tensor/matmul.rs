@@ -1,12 +1,12 @@
 //! Matrix products in all transposed forms.
 //!
-//! The right side is copied into panels of a few columns, the left side is read as it lies, and the sums of a small
-//! tile of the result stay in registers while k runs. Thin products (a side of a few rows or columns) have loops of
-//! their own. Every value of the result is summed in the same order however the work is split, so large products are
-//! split into row blocks over rayon freely.
+//! Large products go to the tiles of [`crate::simd::product`], split into row blocks over rayon: every value of the
+//! result is summed in the same order however the work is split. Thin products (a side of a few rows or columns) have
+//! loops of their own.
 
-use super::simd::{Target, kernel, multiply_panel, panel_width};
 use super::{Tensor, dot};
+use crate::simd::kernel;
+use crate::simd::product::{DEPTH, MatRef, Panels, Target, multiply};
 use rayon::prelude::*;
 use std::cell::Cell;
 
@@ -14,133 +14,16 @@ use std::cell::Cell;
 const THIN: usize = 5;
 /// So does a right side of at most this many columns: a panel would be mostly zeros.
 const THIN_RIGHT: usize = 2;
-/// Rows of the left side that a panel covers: a panel of so many rows stays in the first-level cache.
-const DEPTH: usize = 256;
 /// Rows of the result that a thread works on at a time; whole tiles for every instruction set.
 const BLOCK: usize = 96;
 /// The same for results of few rows, such as gradients of weights.
 const SMALL_BLOCK: usize = 24;
 /// Multiply-adds below which a product stays on the calling thread.
 const PARALLEL_MIN: usize = 1 << 20;
-/// Values of a right side below which its panels are filled on the calling thread.
-const COPY_MIN: usize = 1 << 17;
-
-/// A matrix with strides, seen in a slice.
-#[derive(Clone, Copy)]
-pub(crate) struct MatRef<'a> {
-    pub(crate) data: &'a [f32],
-    pub(crate) rows: usize,
-    pub(crate) cols: usize,
-    pub(crate) row_stride: usize,
-    pub(crate) col_stride: usize,
-}
-
-impl<'a> MatRef<'a> {
-    /// A row-major tensor as rows x cols.
-    pub(crate) fn of(t: &'a Tensor) -> Self {
-        Self::window(t.data(), t.rows(), t.cols(), t.cols())
-    }
-
-    /// rows x cols with contiguous rows `row_stride` apart.
-    pub(crate) fn window(data: &'a [f32], rows: usize, cols: usize, row_stride: usize) -> Self {
-        MatRef { data, rows, cols, row_stride, col_stride: 1 }
-    }
-
-    /// The transpose.
-    pub(crate) fn t(self) -> Self {
-        MatRef {
-            data: self.data,
-            rows: self.cols,
-            cols: self.rows,
-            row_stride: self.col_stride,
-            col_stride: self.row_stride,
-        }
-    }
-
-    /// `rows` x `cols` from a row and a column on.
-    fn part(self, first_row: usize, rows: usize, first_col: usize, cols: usize) -> Self {
-        let start = first_row * self.row_stride + first_col * self.col_stride;
-        MatRef { data: &self.data[start..], rows, cols, ..self }
-    }
-}
-
-/// The right side of products, k x n, in panels: for each block of [`DEPTH`] rows, panel after panel of the columns,
-/// each row by row and filled up with zeros.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Panels {
-    data: Vec<f32>,
-    rows: usize,
-    cols: usize,
-}
-
-impl Panels {
-    /// Makes these the panels of a matrix, in the memory that is there.
-    pub(crate) fn fill(&mut self, b: MatRef<'_>) {
-        let width = panel_width();
-        (self.rows, self.cols) = (b.rows, b.cols);
-        let len = b.rows * b.cols.next_multiple_of(width);
-        if self.data.len() < len {
-            self.data.resize(len, 0.0);
-        }
-        let data = &mut self.data[..len];
-        let deep = DEPTH * b.cols.next_multiple_of(width);
-        let fill = |(i, part): (usize, &mut [f32])| {
-            let first = i * DEPTH;
-            let rows = DEPTH.min(b.rows - first);
-            let columns = (0..b.cols).step_by(width);
-            for (column, panel) in columns.zip(part.chunks_exact_mut(rows * width)) {
-                let cols = width.min(b.cols - column);
-                let from = &b.data[first * b.row_stride + column * b.col_stride..];
-                if b.col_stride != 1 {
-                    fill_turned(panel, width, from, b, cols);
-                } else if cols < width {
-                    fill_part(panel, width, from, b.row_stride, cols);
-                } else if width == 32 {
-                    fill_whole::<32>(panel, from, b.row_stride);
-                } else {
-                    fill_whole::<16>(panel, from, b.row_stride);
-                }
-            }
-        };
-        if len < COPY_MIN {
-            data.chunks_mut(deep.max(1)).enumerate().for_each(fill);
-        } else {
-            data.par_chunks_mut(deep).enumerate().for_each(fill);
-        }
-    }
-}
 
 thread_local! {
     /// Panels of the products on this thread, so that their memory is not asked for again and again.
-    static PANELS: Cell<Panels> = const { Cell::new(Panels { data: Vec::new(), rows: 0, cols: 0 }) };
-}
-
-/// A panel of W columns out of contiguous rows.
-fn fill_whole<const W: usize>(panel: &mut [f32], from: &[f32], stride: usize) {
-    for (l, to) in panel.as_chunks_mut::<W>().0.iter_mut().enumerate() {
-        to.copy_from_slice(&from[l * stride..][..W]);
-    }
-}
-
-/// The first `cols` columns of a panel out of contiguous rows, zeros in the others.
-fn fill_part(panel: &mut [f32], width: usize, from: &[f32], stride: usize, cols: usize) {
-    for (l, to) in panel.chunks_exact_mut(width).enumerate() {
-        to[..cols].copy_from_slice(&from[l * stride..][..cols]);
-        to[cols..].fill(0.0);
-    }
-}
-
-/// The first `cols` columns of a panel out of a matrix with strides, zeros in the others.
-fn fill_turned(panel: &mut [f32], width: usize, from: &[f32], b: MatRef<'_>, cols: usize) {
-    if cols < width {
-        panel.fill(0.0);
-    }
-    for j in 0..cols {
-        let from = &from[j * b.col_stride..];
-        for (l, to) in panel[j..].iter_mut().step_by(width).enumerate() {
-            *to = from[l * b.row_stride];
-        }
-    }
+    static PANELS: Cell<Panels> = const { Cell::new(Panels::new()) };
 }
 
 /// out (+)= a b, where `out` has a.rows rows of b.cols values, `stride` apart.
@@ -149,8 +32,8 @@ fn fill_turned(panel: &mut [f32], width: usize, from: &[f32], b: MatRef<'_>, col
 /// If the inner sides differ or `out` is too short.
 #[track_caller]
 pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>) {
-    let (m, k, n) = (a.rows, a.cols, b.cols);
-    if is_empty(out, stride, a, b.rows, n) {
+    let (m, k, n) = (a.rows(), a.cols(), b.cols());
+    if is_empty(out, stride, a, b.rows(), n) {
         return;
     }
     if k == 0 || m <= THIN || k <= THIN || n <= thin_right(a) {
@@ -158,8 +41,12 @@ pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: 
     } else {
         // Taken out, not borrowed: while this thread waits for others it may begin another product.
         let mut panels = PANELS.take();
-        panels.fill(b);
-        gemm_panels(out, stride, add, a, &panels);
+        // One panel's depth at a time: its panels are still in the cache when they are used.
+        for first in (0..k).step_by(DEPTH) {
+            let depth = DEPTH.min(k - first);
+            panels.fill(b.part(first, depth, 0, n));
+            gemm_panels(out, stride, add || first > 0, a.part(0, m, first, depth), &panels);
+        }
         PANELS.set(panels);
     }
 }
@@ -167,8 +54,8 @@ pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: 
 /// Whether a product with a k x n right side has no values. Panics as [`gemm`].
 #[track_caller]
 fn is_empty(out: &[f32], stride: usize, a: MatRef<'_>, k: usize, n: usize) -> bool {
-    let m = a.rows;
-    assert!(a.cols == k, "matmul: [{m}x{}] and [{k}x{n}]", a.cols);
+    let m = a.rows();
+    assert!(a.cols() == k, "matmul: [{m}x{}] and [{k}x{n}]", a.cols());
     let empty = m == 0 || n == 0;
     let long_enough = empty || out.len() >= (m - 1) * stride + n;
     assert!(long_enough, "matmul: result of {} values for [{m}x{n}]", out.len());
@@ -178,7 +65,7 @@ fn is_empty(out: &[f32], stride: usize, a: MatRef<'_>, k: usize, n: usize) -> bo
 /// Columns up to which the right side of a product with `a` takes a thin path: a transposed left side goes well with
 /// whole rows of the transposed result.
 fn thin_right(a: MatRef<'_>) -> usize {
-    if a.row_stride == 1 { THIN } else { THIN_RIGHT }
+    if a.is_transposed() { THIN } else { THIN_RIGHT }
 }
 
 /// [`gemm`] with a right side that has been put into panels before.
@@ -187,79 +74,53 @@ fn thin_right(a: MatRef<'_>) -> usize {
 /// As [`gemm`], and if the inner side is 0.
 #[track_caller]
 pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: &Panels) {
-    let (m, k, n) = (a.rows, a.cols, b.cols);
-    if is_empty(out, stride, a, b.rows, n) {
+    let (m, k, n) = (a.rows(), a.cols(), b.cols());
+    if is_empty(out, stride, a, b.rows(), n) {
         return;
     }
     assert!(k > 0, "matmul: panels of no rows");
     if m * n * k < PARALLEL_MIN || m <= SMALL_BLOCK {
-        gemm_rows(out, stride, add, a, 0, m, b);
+        multiply(Target { data: out, stride, add }, a, b);
     } else {
         let block = if m < 8 * BLOCK { SMALL_BLOCK } else { BLOCK };
         out.par_chunks_mut(block * stride).enumerate().for_each(|(i, piece)| {
             let first = i * block;
             if first < m {
-                gemm_rows(piece, stride, add, a, first, block.min(m - first), b);
+                let a = a.part(first, block.min(m - first), 0, k);
+                multiply(Target { data: piece, stride, add }, a, b);
             }
         });
     }
 }
 
-/// Some rows of the product on the calling thread.
-fn gemm_rows(
-    out: &mut [f32],
-    stride: usize,
-    add: bool,
-    a: MatRef<'_>,
-    first: usize,
-    rows: usize,
-    b: &Panels,
-) {
-    let panel_cols = panel_width();
-    let mut rest = &b.data[..];
-    for depth in (0..b.rows).step_by(DEPTH) {
-        let cols = DEPTH.min(b.rows - depth);
-        for column in (0..b.cols).step_by(panel_cols) {
-            let (panel, after) = rest.split_at(cols * panel_cols);
-            rest = after;
-            let width = panel_cols.min(b.cols - column);
-            let target = Target { data: &mut out[column..], width, stride, add: add || depth > 0 };
-            multiply_panel(target, a.part(first, rows, depth, cols), panel);
-        }
-    }
-}
-
 /// Products with a thin side, as sums of scaled rows or as dot products.
 fn thin(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>) {
-    let (m, k, n) = (a.rows, a.cols, b.cols);
+    let (m, k, n) = (a.rows(), a.cols(), b.cols());
     if !add {
         out.chunks_mut(stride).take(m).for_each(|row| row[..n].fill(0.0));
     }
-    if n <= THIN && a.col_stride == 1 && k > THIN {
+    if n <= THIN && !a.is_transposed() && k > THIN {
         // Few columns: one dot product a value, over a contiguous copy of each column of b.
-        let column = |j: usize| (0..k).map(move |l| b.data[l * b.row_stride + j * b.col_stride]);
-        let columns: Vec<f32> = (0..n).flat_map(column).collect();
+        let columns: Vec<f32> = (0..n).flat_map(|j| (0..k).map(move |l| b.at(l, j))).collect();
         for (i, row) in out.chunks_mut(stride).take(m).enumerate() {
-            let x = &a.data[i * a.row_stride..][..k];
-            for (o, c) in row[..n].iter_mut().zip(columns.chunks_exact(k)) {
-                *o += dot(x, c);
+            for (o, column) in row[..n].iter_mut().zip(columns.chunks_exact(k)) {
+                *o += dot(a.line(i), column);
             }
         }
-    } else if n <= THIN && a.row_stride == 1 && m > THIN {
+    } else if n <= THIN && a.is_transposed() && m > THIN {
         // The transposed product has long rows: n x m = b^T a^T.
         let mut turned = vec![0.0; n * m];
         thin_axpy(&mut turned, m, b.t(), a.t());
         for (i, row) in out.chunks_mut(stride).take(m).enumerate() {
             row[..n].iter_mut().zip(turned[i..].iter().step_by(m)).for_each(|(o, t)| *o += t);
         }
-    } else if b.col_stride == 1 {
+    } else if !b.is_transposed() {
         thin_axpy(out, stride, a, b);
     } else {
         for (i, row) in out.chunks_mut(stride).take(m).enumerate() {
             for (j, o) in row[..n].iter_mut().enumerate() {
                 for l in 0..k {
-                    *o += a.data[i * a.row_stride + l * a.col_stride]
-                        * b.data[l * b.row_stride + j * b.col_stride];
+                    *o += a.at(i, l) * b.at(l, j);
                 }
             }
         }
@@ -269,12 +130,12 @@ fn thin(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>)
 kernel! {
     /// out += a b by rows of b, in whichever loop order keeps the moving row in cache.
     fn thin_axpy(out: &mut [f32], stride: usize, a: MatRef<'_>, b: MatRef<'_>) {
-        let (m, k, n) = (a.rows, a.cols, b.cols);
+        let (m, k, n) = (a.rows(), a.cols(), b.cols());
         if m <= k {
             for l in 0..k {
-                let row = &b.data[l * b.row_stride..][..n];
+                let row = &b.line(l)[..n];
                 for i in 0..m {
-                    let s = a.data[i * a.row_stride + l * a.col_stride];
+                    let s = a.at(i, l);
                     for (o, &v) in out[i * stride..][..n].iter_mut().zip(row) { *o += s * v; }
                 }
             }
@@ -282,8 +143,8 @@ kernel! {
             for i in 0..m {
                 let target = &mut out[i * stride..][..n];
                 for l in 0..k {
-                    let s = a.data[i * a.row_stride + l * a.col_stride];
-                    let row = &b.data[l * b.row_stride..][..n];
+                    let s = a.at(i, l);
+                    let row = &b.line(l)[..n];
                     for (o, &v) in target.iter_mut().zip(row) { *o += s * v; }
                 }
             }
@@ -293,8 +154,8 @@ kernel! {
 
 #[track_caller]
 fn product(like: &Tensor, a: MatRef<'_>, b: MatRef<'_>) -> Tensor {
-    let mut out = like.dirty(&[a.rows, b.cols]);
-    gemm(out.data_mut(), b.cols, false, a, b);
+    let mut out = like.dirty(&[a.rows(), b.cols()]);
+    gemm(out.data_mut(), b.cols(), false, a, b);
     out
 }
 
@@ -304,7 +165,7 @@ fn product(like: &Tensor, a: MatRef<'_>, b: MatRef<'_>) -> Tensor {
 /// If the inner sides differ.
 #[track_caller]
 pub fn matmul(a: &Tensor, b: &Tensor) -> Tensor {
-    product(a, MatRef::of(a), MatRef::of(b))
+    product(a, a.as_mat(), b.as_mat())
 }
 
 /// a b^T; n x c times (d x c)^T.
@@ -313,7 +174,7 @@ pub fn matmul(a: &Tensor, b: &Tensor) -> Tensor {
 /// If the inner sides differ.
 #[track_caller]
 pub fn matmul_nt(a: &Tensor, b: &Tensor) -> Tensor {
-    product(a, MatRef::of(a), MatRef::of(b).t())
+    product(a, a.as_mat(), b.as_mat().t())
 }
 
 /// a^T b; (n x c)^T times n x d.
@@ -322,7 +183,7 @@ pub fn matmul_nt(a: &Tensor, b: &Tensor) -> Tensor {
 /// If the inner sides differ.
 #[track_caller]
 pub fn matmul_tn(a: &Tensor, b: &Tensor) -> Tensor {
-    product(a, MatRef::of(a).t(), MatRef::of(b))
+    product(a, a.as_mat().t(), b.as_mat())
 }
 
 /// a^T b^T.
@@ -331,7 +192,7 @@ pub fn matmul_tn(a: &Tensor, b: &Tensor) -> Tensor {
 /// If the inner sides differ.
 #[track_caller]
 pub fn matmul_tt(a: &Tensor, b: &Tensor) -> Tensor {
-    product(a, MatRef::of(a).t(), MatRef::of(b).t())
+    product(a, a.as_mat().t(), b.as_mat().t())
 }
 
 #[cfg(test)]
@@ -389,7 +250,7 @@ mod tests {
         let (a, b) = (filled(9, 7, 0.0), filled(7, 8, 0.5));
         let truth = naive(&a, &b);
         let mut out = vec![1.0; 9 * 20];
-        gemm(&mut out, 20, true, MatRef::of(&a), MatRef::of(&b));
+        gemm(&mut out, 20, true, a.as_mat(), b.as_mat());
         for i in 0..9 {
             for j in 0..20 {
                 let t = if j < 8 { truth[i * 8 + j] + 1.0 } else { 1.0 };

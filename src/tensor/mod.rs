@@ -6,23 +6,17 @@
 
 mod buffer;
 mod elementwise;
-mod math;
 mod matmul;
 mod reduce;
 mod rows;
-mod simd;
 
+pub(crate) use crate::simd::product::{MatRef, Panels};
 pub use buffer::Pool;
 pub(crate) use elementwise::{map, map_rows, map2, row_block};
-pub(crate) use math::{
-    exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice,
-    tanh_slice,
-};
-pub(crate) use matmul::{MatRef, Panels, gemm, gemm_panels};
+pub(crate) use matmul::{gemm, gemm_panels};
 pub use matmul::{matmul, matmul_nt, matmul_tn, matmul_tt};
 pub(crate) use reduce::{add_row_sums, dot, lane_axpy, lane_dot, lane_max, lane_sum, sum_f64};
 pub(crate) use rows::{gather_rows, scatter_add_rows};
-pub(crate) use simd::{Level, kernel, level};
 
 use buffer::Buffer;
 use std::fmt;
@@ -156,6 +150,11 @@ impl Tensor {
     /// The shape.
     pub fn shape(&self) -> Shape {
         self.shape
+    }
+
+    /// The values as a matrix of [`rows`](Self::rows) x [`cols`](Self::cols), for products.
+    pub(crate) fn as_mat(&self) -> MatRef<'_> {
+        MatRef::window(self.data(), self.rows(), self.cols(), self.cols())
     }
 
     /// The innermost dimension.

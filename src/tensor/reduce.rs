@@ -1,6 +1,6 @@
 //! Sums.
 
-use super::simd::kernel;
+use crate::simd::kernel;
 
 /// The lanes of one value, folded as a tree.
 #[inline(always)]

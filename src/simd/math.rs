@@ -2,7 +2,7 @@
 //!
 //! Each states its error against f64 over the range the tests sweep. All are total: NaN in, NaN out.
 
-use super::simd::kernel;
+use super::kernel;
 
 const LOG2_E: f32 = std::f32::consts::LOG2_E;
 // ln 2 in two parts (Cody and Waite): n * LN2_HI is exact for |n| < 2^9.

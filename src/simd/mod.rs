@@ -1,0 +1,21 @@
+//! Loops at the width of the processor's registers: plain loops compiled once per instruction set ([`kernel!`]),
+//! elementary functions as polynomials, and the inner loops of the matrix product.
+//!
+//! This is the only place with unsafe code. Which instruction set runs changes the speed and never a result: loops of
+//! [`kernel!`] neither fuse nor reorder float operations, and every value of a matrix product is one chain of
+//! multiply-adds in the order of the inner index. The product alone asks for fused multiply-adds, wherever the
+//! instruction set has them.
+
+mod instruction_set;
+mod kernel;
+mod math;
+pub(crate) mod product;
+#[cfg(test)]
+mod testing;
+
+pub(crate) use instruction_set::{InstructionSet, instruction_set};
+pub(crate) use kernel::kernel;
+pub(crate) use math::{
+    exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice,
+    tanh_slice,
+};

@@ -1,0 +1,55 @@
+//! Tiles in plain Rust, for the target's own vectors: for processors without the other instruction sets.
+
+use super::{MicroKernel, Tile, TileFn, Tiles};
+
+pub(super) struct Portable;
+
+/// Rows of a tile.
+const ROWS: usize = 6;
+
+impl MicroKernel for Portable {
+    const COLUMNS: usize = 16;
+    const NARROW_COLUMNS: usize = 8;
+    const FUSED: bool = cfg!(target_arch = "aarch64");
+    const TILES: Tiles = Tiles { straight: &tiles::<16, false>(), transposed: &tiles::<16, true>() };
+    const NARROW_TILES: Tiles = Tiles { straight: &tiles::<8, false>(), transposed: &tiles::<8, true>() };
+}
+
+const fn tiles<const W: usize, const TRANSPOSED: bool>() -> [TileFn; ROWS] {
+    [
+        tile::<1, W, TRANSPOSED>,
+        tile::<2, W, TRANSPOSED>,
+        tile::<3, W, TRANSPOSED>,
+        tile::<4, W, TRANSPOSED>,
+        tile::<5, W, TRANSPOSED>,
+        tile::<6, W, TRANSPOSED>,
+    ]
+}
+
+/// R rows by W columns.
+///
+/// # Safety
+/// As [`TileFn`].
+unsafe fn tile<const R: usize, const W: usize, const TRANSPOSED: bool>(t: &Tile) {
+    let (row_stride, col_stride) = if TRANSPOSED { (1, t.left_stride) } else { (t.left_stride, 1) };
+    let mut sums = [[0.0f32; W]; R];
+    for l in 0..t.depth {
+        // SAFETY: the panel has `depth` rows of COLUMNS values, of which these are the first.
+        let b = unsafe { &*t.panel.add(l * Portable::COLUMNS).cast::<[f32; W]>() };
+        for (i, sums) in sums.iter_mut().enumerate() {
+            // SAFETY: the left side has R x depth values.
+            let x = unsafe { *t.left.add(i * row_stride + l * col_stride) };
+            for (sum, &b) in sums.iter_mut().zip(b) {
+                // Without the instruction a fused multiply-add is a slow library call.
+                *sum = if Portable::FUSED { x.mul_add(b, *sum) } else { x * b + *sum };
+            }
+        }
+    }
+    for (i, sums) in sums.iter().enumerate() {
+        // SAFETY: the result has R rows of W values, and no one else has them.
+        let out = unsafe { &mut *t.out.add(i * t.out_stride).cast::<[f32; W]>() };
+        for (o, &sum) in out.iter_mut().zip(sums) {
+            *o = if t.add { *o + sum } else { sum };
+        }
+    }
+}
