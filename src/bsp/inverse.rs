@@ -84,14 +84,15 @@ impl Inverse {
         let embedded = self.embedding.forward(tape, patches);
         let queries = self.query.forward(tape, p, embedded);
         let memory = self.memory.forward(tape, p, features);
-        let (x, weights) = self.block.forward_weighted(tape, p, queries, &Reach::All, memory, &reach);
-        let offset = self.out.forward(tape, p, x);
         if self.average_positions {
+            let (x, weights) = self.block.forward_weighted(tape, p, queries, &Reach::All, memory, &reach);
+            let offset = self.out.forward(tape, p, x);
             let average = self.block.cross().average(tape, weights, points, &reach);
             let offset = tape.scale(offset, self.spacing);
             tape.add(average, offset)
         } else {
-            offset
+            let x = self.block.forward(tape, p, queries, &Reach::All, memory, &reach);
+            self.out.forward(tape, p, x)
         }
     }
 }

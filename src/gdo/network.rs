@@ -15,9 +15,33 @@ use super::rows::{
     back_through_activation, back_through_slope, copy_columns, join, multiply, relu_rows, softplus_rows,
 };
 use crate::simd::sin_cos_slice;
-use crate::tensor::{MatRef, Panels, add_row_sums, gemm, gemm_panels};
+use crate::tensor::{Base, MatRef, Panels, add_row_sums, gemm_panels_serial, gemm_serial};
 use std::f32::consts::FRAC_1_SQRT_2;
 use std::ops::Range;
+
+/// Rows of a block that a product and the passes beside it go over before the next ones, so that what one writes is in
+/// the first caches when the other reads it; whole tiles for every instruction set.
+const STRIP: usize = 48;
+
+/// The strips of n rows.
+fn strips(n: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..n).step_by(STRIP).map(move |first| first..(first + STRIP).min(n))
+}
+
+/// The values of the rows in a slice with `cols` columns.
+fn of_rows<'a>(data: &'a [f32], rows: &Range<usize>, cols: usize) -> &'a [f32] {
+    &data[rows.start * cols..rows.end * cols]
+}
+
+/// The values of the rows in a slice with `cols` columns, to be changed.
+fn of_rows_mut<'a>(data: &'a mut [f32], rows: &Range<usize>, cols: usize) -> &'a mut [f32] {
+    &mut data[rows.start * cols..rows.end * cols]
+}
+
+/// out = left (n x from) times the weights, for a strip of n rows.
+fn product(out: &mut [f32], cols: usize, left: &[f32], from: usize, weights: &Panels) {
+    gemm_panels_serial(out, cols, Base::Zero, mat(left, left.len() / from.max(1), from), weights);
+}
 
 /// The values of a block of n points, or the loss gradients there.
 pub(super) struct Outputs<'a> {
@@ -203,16 +227,19 @@ impl Block {
                 Some(last) => &last.out[..n * c],
             };
             let (out, slope) = (room(out, n * c), room(slope, n * c));
-            gemm_panels(out, c, false, mat(input, n, weight.rows()), &weights.straight[l]);
-            match config.activation {
-                Activation::Softplus { beta } => softplus_rows(out, slope, bias.data(), beta),
-                Activation::Relu => relu_rows(out, slope, bias.data()),
+            for rows in strips(n) {
+                let (out, slope) = (of_rows_mut(out, &rows, c), of_rows_mut(slope, &rows, c));
+                product(out, c, of_rows(input, &rows, weight.rows()), weight.rows(), &weights.straight[l]);
+                match config.activation {
+                    Activation::Softplus { beta } => softplus_rows(out, slope, bias.data(), beta),
+                    Activation::Relu => relu_rows(out, slope, bias.data()),
+                }
             }
         }
         let (weight, bias) = field.layer(config.depth);
         let outputs = room(&mut scratch.outputs, n * weight.cols());
         let last = &self.hidden[config.depth - 1].out[..n * c];
-        gemm(outputs, weight.cols(), false, mat(last, n, c), weight.as_mat());
+        gemm_serial(outputs, weight.cols(), Base::Zero, mat(last, n, c), weight.as_mat());
         for row in outputs.chunks_exact_mut(weight.cols()) {
             row.iter_mut().zip(bias.data()).for_each(|(o, b)| *o += b);
         }
@@ -254,22 +281,26 @@ impl Block {
         room(top, n * c).chunks_exact_mut(c).for_each(|row| row.copy_from_slice(column));
         let at_encoding = room(&mut scratch.encoding, n * e);
         at_encoding.fill(0.0);
+        let (through, wide) = (room(through, STRIP * c), room(wide, STRIP * (c + e)));
         for l in (0..config.depth).rev() {
             let (below, rest) = self.hidden.split_at_mut(l);
-            let through = room(through, n * c);
-            multiply(through, &rest[0].slope, &rest[0].adjoint);
-            let through = mat(through, n, c);
-            let transposed = &weights.transposed[l];
-            match below.last_mut() {
-                None => gemm_panels(at_encoding, e, true, through, transposed),
-                Some(below) if Some(l) == config.skip => {
-                    let wide = room(wide, n * (c + e));
-                    gemm_panels(wide, c + e, false, through, transposed);
-                    copy_columns(room(&mut below.adjoint, n * c), c, wide, c + e, 0, FRAC_1_SQRT_2);
-                    copy_columns(at_encoding, e, wide, c + e, c, FRAC_1_SQRT_2);
-                }
-                Some(below) => {
-                    gemm_panels(room(&mut below.adjoint, n * c), c, false, through, transposed);
+            let (Hidden { slope, adjoint, .. }, transposed) = (&rest[0], &weights.transposed[l]);
+            let mut below = below.last_mut().map(|below| room(&mut below.adjoint, n * c));
+            for rows in strips(n) {
+                let through = &mut through[..rows.len() * c];
+                multiply(through, of_rows(slope, &rows, c), of_rows(adjoint, &rows, c));
+                let at_encoding = of_rows_mut(at_encoding, &rows, e);
+                match below.as_deref_mut().map(|below| of_rows_mut(below, &rows, c)) {
+                    None => {
+                        gemm_panels_serial(at_encoding, e, Base::Out, mat(through, rows.len(), c), transposed)
+                    }
+                    Some(below) if Some(l) == config.skip => {
+                        let wide = &mut wide[..rows.len() * (c + e)];
+                        product(wide, c + e, through, c, transposed);
+                        copy_columns(below, c, wide, c + e, 0, FRAC_1_SQRT_2);
+                        copy_columns(at_encoding, e, wide, c + e, c, FRAC_1_SQRT_2);
+                    }
+                    Some(below) => product(below, c, through, c, transposed),
                 }
             }
         }
@@ -291,7 +322,7 @@ impl Block {
         }
     }
 
-    /// Adds the parameters' gradients from those at the values of the last forward half to `total`, which holds weight
+    /// Writes the parameters' gradients from those at the values of the last forward half to `total`, which holds weight
     /// and bias of layer after layer. Can be called once for each forward half.
     pub(super) fn backward(
         &mut self,
@@ -336,11 +367,14 @@ impl Block {
             } else {
                 mat(d, n, c)
             };
-            let through = mat(through, n, c);
-            gemm(&mut total[places(field, l).0], c, true, d_input.t(), through);
+            gemm_serial(&mut total[places(field, l).0], c, Base::Zero, d_input.t(), mat(through, n, c));
             let d_through = room(next, n * c);
-            gemm_panels(d_through, c, false, d_input, &weights.straight[l]);
-            back_through_slope(d_through, adjoint, slope, beta);
+            for rows in strips(n) {
+                let d_through = of_rows_mut(d_through, &rows, c);
+                let d_input = d_input.part(rows.start, rows.len(), 0, from);
+                gemm_panels_serial(d_through, c, Base::Zero, d_input, &weights.straight[l]);
+                back_through_slope(d_through, of_rows_mut(adjoint, &rows, c), of_rows(slope, &rows, c), beta);
+            }
             std::mem::swap(&mut d, &mut next);
         }
         let (last, _) = field.layer(config.depth);
@@ -349,6 +383,7 @@ impl Block {
         let sums = room(through, c);
         sums.fill(0.0);
         add_row_sums(sums, &d[..n * c]);
+        total[dw.clone()].fill(0.0);
         total[dw.clone()].iter_mut().step_by(outputs).zip(sums).for_each(|(w, s)| *w += *s);
 
         // Back through the layers, from the outputs down.
@@ -360,14 +395,22 @@ impl Block {
                 None => row[1..].fill(0.0),
             }
         }
+        total[db.clone()].fill(0.0);
         add_row_sums(&mut total[db], at_outputs);
         let at_outputs = mat(at_outputs, n, outputs);
-        gemm(&mut total[dw], outputs, true, mat(&self.hidden[config.depth - 1].out, n, c).t(), at_outputs);
-        gemm(room(d, n * c), c, false, at_outputs, last.as_mat().t());
+        gemm_serial(
+            &mut total[dw],
+            outputs,
+            Base::Out,
+            mat(&self.hidden[config.depth - 1].out, n, c).t(),
+            at_outputs,
+        );
+        gemm_serial(room(d, n * c), c, Base::Zero, at_outputs, last.as_mat().t());
         for l in (0..config.depth).rev() {
             let Hidden { slope, adjoint, .. } = &self.hidden[l];
             let from = field.layer(l).0.rows();
             let (dw, db) = places(field, l);
+            total[db.clone()].fill(0.0);
             back_through_activation(&mut d[..n * c], slope, adjoint, &mut total[db]);
             let input = match l {
                 0 => &self.encoding,
@@ -375,16 +418,16 @@ impl Block {
                 _ => &self.hidden[l - 1].out,
             };
             let dz = mat(d, n, c);
-            gemm(&mut total[dw], c, true, mat(input, n, from).t(), dz);
+            gemm_serial(&mut total[dw], c, Base::Out, mat(input, n, from).t(), dz);
             if l == 0 {
                 break;
             }
             if Some(l) == config.skip {
                 let joined = room(joined, n * from);
-                gemm_panels(joined, from, false, dz, &weights.transposed[l]);
+                gemm_panels_serial(joined, from, Base::Zero, dz, &weights.transposed[l]);
                 copy_columns(room(next, n * c), c, joined, from, 0, FRAC_1_SQRT_2);
             } else {
-                gemm_panels(room(next, n * c), c, false, dz, &weights.transposed[l]);
+                gemm_panels_serial(room(next, n * c), c, Base::Zero, dz, &weights.transposed[l]);
             }
             std::mem::swap(&mut d, &mut next);
         }

@@ -116,14 +116,10 @@ impl FieldPass {
         let FieldPass { blocks, verts, kept, gradients, scratch, weights, .. } = self;
         let network = Network { field, weights };
         let (kept_blocks, scratch) = (&mut blocks[..*kept], &*scratch);
-        let clear = |gradient: &mut Vec<f32>| {
-            gradient.clear();
-            gradient.resize(scalars, 0.0);
-        };
         for (wave, blocks) in kept_blocks.chunks_mut(WAVE).enumerate() {
             let gradients = &mut gradients[..blocks.len()];
             blocks.par_iter_mut().zip(&mut *gradients).enumerate().for_each(|(i, (block, gradient))| {
-                clear(gradient);
+                gradient.resize(scalars, 0.0);
                 let seeds = seeds_of(d, (wave * WAVE + i) * rows, rows);
                 with(scratch, |scratch| block.backward(network, scratch, seeds, gradient));
             });
@@ -135,7 +131,7 @@ impl FieldPass {
             let gradients = &mut gradients[..verts.len().div_ceil(rows)];
             let parts = verts.par_chunks(rows).zip(&mut *gradients).enumerate();
             parts.for_each_init(Block::default, |block, (i, (verts, gradient))| {
-                clear(gradient);
+                gradient.resize(scalars, 0.0);
                 let seeds = seeds_of(d, first + i * rows, rows);
                 with(scratch, |scratch| {
                     block.forward(network, verts, scratch, None);

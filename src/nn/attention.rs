@@ -94,7 +94,12 @@ impl MultiHeadAttention {
     /// If the widths do not fit, or the reach has an index of m or more or not n k of them.
     #[track_caller]
     pub fn forward(&self, tape: &mut Tape, p: &Bound, x: Var, memory: Var, reach: &Reach) -> Var {
-        self.forward_weighted(tape, p, x, memory, reach).0
+        let Reach::All = reach else { return self.forward_weighted(tape, p, x, memory, reach).0 };
+        let q = self.query.forward(tape, p, x);
+        let k = self.key.forward(tape, p, memory);
+        let v = self.value.forward(tape, p, memory);
+        let y = tape.attention(q, k, v, self.heads);
+        self.out.forward(tape, p, y)
     }
 
     /// As [`forward`](Self::forward), and the weights, with which [`average`](Self::average) can average something

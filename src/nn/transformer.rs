@@ -88,7 +88,10 @@ impl DecoderBlock {
         memory: Var,
         cross: &Reach,
     ) -> Var {
-        self.forward_weighted(tape, p, x, own, memory, cross).0
+        let x = self.attend_to_own(tape, p, x, own);
+        let normed = self.norm_cross.forward(tape, p, x);
+        let y = self.cross.forward(tape, p, normed, memory, cross);
+        self.feed_forward(tape, p, x, y)
     }
 
     /// As [`forward`](Self::forward), and the weights of the cross-attention.
@@ -105,18 +108,26 @@ impl DecoderBlock {
         memory: Var,
         cross: &Reach,
     ) -> (Var, Var) {
-        let mut x = x;
-        if let Some((norm, attention)) = &self.own {
-            let normed = norm.forward(tape, p, x);
-            let y = attention.forward(tape, p, normed, normed, own);
-            x = tape.add(x, y);
-        }
+        let x = self.attend_to_own(tape, p, x, own);
         let normed = self.norm_cross.forward(tape, p, x);
         let (y, weights) = self.cross.forward_weighted(tape, p, normed, memory, cross);
-        x = tape.add(x, y);
+        (self.feed_forward(tape, p, x, y), weights)
+    }
+
+    /// x + self(norm(x)), or x if there is no self-attention.
+    fn attend_to_own(&self, tape: &mut Tape, p: &Bound, x: Var, own: &Reach) -> Var {
+        let Some((norm, attention)) = &self.own else { return x };
+        let normed = norm.forward(tape, p, x);
+        let y = attention.forward(tape, p, normed, normed, own);
+        tape.add(x, y)
+    }
+
+    /// With z = x + y: z + feed(norm(z)).
+    fn feed_forward(&self, tape: &mut Tape, p: &Bound, x: Var, y: Var) -> Var {
+        let x = tape.add(x, y);
         let normed = self.norm_feed.forward(tape, p, x);
         let y = self.feed.forward(tape, p, normed);
-        (tape.add(x, y), weights)
+        tape.add(x, y)
     }
 }
 

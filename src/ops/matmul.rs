@@ -1,7 +1,7 @@
 //! Matrix products in all transposed forms, and the affine map of a linear layer.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, add_row_sums, gemm, map_rows, matmul, matmul_nt, matmul_tn, matmul_tt};
+use crate::tensor::{Base, Tensor, add_row_sums, gemm, matmul, matmul_nt, matmul_tn, matmul_tt};
 
 /// op(a) op(b), each as it is or transposed.
 struct MatMul {
@@ -47,12 +47,7 @@ impl Op<3> for Linear {
         let c = w.cols();
         assert!(b.len() == c, "linear: bias {:?} for weight {:?}", b.shape(), w.shape());
         let mut y = x.dirty(&[x.rows(), c]);
-        map_rows(y.data_mut(), c, |_, piece| {
-            for row in piece.chunks_exact_mut(c.max(1)) {
-                row.copy_from_slice(b.data());
-            }
-        });
-        gemm(y.data_mut(), c, true, x.as_mat(), w.as_mat());
+        gemm(y.data_mut(), c, Base::Row(b.data()), x.as_mat(), w.as_mat());
         (y, ())
     }
     fn vjp(&self, at: At<'_, 3, ()>, dy: &Tensor) -> [Option<Tensor>; 3] {

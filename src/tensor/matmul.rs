@@ -6,7 +6,7 @@
 
 use super::{Tensor, dot};
 use crate::simd::kernel;
-use crate::simd::product::{DEPTH, MatRef, Panels, Target, multiply};
+use crate::simd::product::{Base, DEPTH, MatRef, Panels, Target, multiply};
 use rayon::prelude::*;
 use std::cell::Cell;
 
@@ -26,18 +26,39 @@ thread_local! {
     static PANELS: Cell<Panels> = const { Cell::new(Panels::new()) };
 }
 
-/// out (+)= a b, where `out` has a.rows rows of b.cols values, `stride` apart.
+/// out = base + a b, where `out` has a.rows rows of b.cols values, `stride` apart.
 ///
 /// # Panics
 /// If the inner sides differ or `out` is too short.
 #[track_caller]
-pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>) {
+pub(crate) fn gemm(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef<'_>) {
+    gemm_with(out, stride, base, a, b, gemm_panels);
+}
+
+/// [`gemm`] on the calling thread alone, for work that is one of many parallel pieces already.
+///
+/// # Panics
+/// As [`gemm`].
+#[track_caller]
+pub(crate) fn gemm_serial(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef<'_>) {
+    gemm_with(out, stride, base, a, b, gemm_panels_serial);
+}
+
+#[track_caller]
+fn gemm_with(
+    out: &mut [f32],
+    stride: usize,
+    base: Base<'_>,
+    a: MatRef<'_>,
+    b: MatRef<'_>,
+    product: fn(&mut [f32], usize, Base<'_>, MatRef<'_>, &Panels),
+) {
     let (m, k, n) = (a.rows(), a.cols(), b.cols());
     if is_empty(out, stride, a, b.rows(), n) {
         return;
     }
     if k == 0 || m <= THIN || k <= THIN || n <= thin_right(a) {
-        thin(out, stride, add, a, b);
+        thin(out, stride, base, a, b);
     } else {
         // Taken out, not borrowed: while this thread waits for others it may begin another product.
         let mut panels = PANELS.take();
@@ -45,7 +66,8 @@ pub(crate) fn gemm(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: 
         for first in (0..k).step_by(DEPTH) {
             let depth = DEPTH.min(k - first);
             panels.fill(b.part(first, depth, 0, n));
-            gemm_panels(out, stride, add || first > 0, a.part(0, m, first, depth), &panels);
+            let base = if first == 0 { base } else { Base::Out };
+            product(out, stride, base, a.part(0, m, first, depth), &panels);
         }
         PANELS.set(panels);
     }
@@ -73,31 +95,45 @@ fn thin_right(a: MatRef<'_>) -> usize {
 /// # Panics
 /// As [`gemm`], and if the inner side is 0.
 #[track_caller]
-pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: &Panels) {
+pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: &Panels) {
     let (m, k, n) = (a.rows(), a.cols(), b.cols());
     if is_empty(out, stride, a, b.rows(), n) {
         return;
     }
     assert!(k > 0, "matmul: panels of no rows");
     if m * n * k < PARALLEL_MIN || m <= SMALL_BLOCK {
-        multiply(Target { data: out, stride, add }, a, b);
+        multiply(Target { data: out, stride, base }, a, b);
     } else {
         let block = if m < 8 * BLOCK { SMALL_BLOCK } else { BLOCK };
         out.par_chunks_mut(block * stride).enumerate().for_each(|(i, piece)| {
             let first = i * block;
             if first < m {
                 let a = a.part(first, block.min(m - first), 0, k);
-                multiply(Target { data: piece, stride, add }, a, b);
+                multiply(Target { data: piece, stride, base }, a, b);
             }
         });
     }
 }
 
+/// [`gemm_panels`] on the calling thread alone.
+///
+/// # Panics
+/// As [`gemm_panels`].
+#[track_caller]
+pub(crate) fn gemm_panels_serial(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: &Panels) {
+    assert!(a.cols() > 0, "matmul: panels of no rows");
+    multiply(Target { data: out, stride, base }, a, b);
+}
+
 /// Products with a thin side, as sums of scaled rows or as dot products.
-fn thin(out: &mut [f32], stride: usize, add: bool, a: MatRef<'_>, b: MatRef<'_>) {
+fn thin(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef<'_>) {
     let (m, k, n) = (a.rows(), a.cols(), b.cols());
-    if !add {
-        out.chunks_mut(stride).take(m).for_each(|row| row[..n].fill(0.0));
+    for row in out.chunks_mut(stride).take(m) {
+        match base {
+            Base::Zero => row[..n].fill(0.0),
+            Base::Out => {}
+            Base::Row(base) => row[..n].copy_from_slice(base),
+        }
     }
     if n <= THIN && !a.is_transposed() && k > THIN {
         // Few columns: one dot product a value, over a contiguous copy of each column of b.
@@ -155,7 +191,7 @@ kernel! {
 #[track_caller]
 fn product(like: &Tensor, a: MatRef<'_>, b: MatRef<'_>) -> Tensor {
     let mut out = like.dirty(&[a.rows(), b.cols()]);
-    gemm(out.data_mut(), b.cols(), false, a, b);
+    gemm(out.data_mut(), b.cols(), Base::Zero, a, b);
     out
 }
 
@@ -250,7 +286,7 @@ mod tests {
         let (a, b) = (filled(9, 7, 0.0), filled(7, 8, 0.5));
         let truth = naive(&a, &b);
         let mut out = vec![1.0; 9 * 20];
-        gemm(&mut out, 20, true, a.as_mat(), b.as_mat());
+        gemm(&mut out, 20, Base::Out, a.as_mat(), b.as_mat());
         for i in 0..9 {
             for j in 0..20 {
                 let t = if j < 8 { truth[i * 8 + j] + 1.0 } else { 1.0 };

@@ -81,23 +81,25 @@ unsafe fn tile<const R: usize, const V: usize, const TRANSPOSED: bool>(t: &Tile)
         panel = panel.wrapping_add(Avx512::COLUMNS);
     }
     each_row!(R, |I| {
-        // SAFETY: the result has R rows of V vectors.
-        unsafe { store(t.out.add(I * t.out_stride), sums[I], t.add) };
+        // SAFETY: the result and its base, if there is one, have R rows of V vectors.
+        unsafe { store(t.out.add(I * t.out_stride), sums[I], t.base.wrapping_add(I * t.base_stride)) };
     });
 }
 
-/// Writes or adds the sums.
+/// Writes the sums, added to the base if that is not null.
 ///
 /// # Safety
-/// `out` has as many values.
+/// `out` has as many values, and so has a base.
 #[target_feature(enable = "avx512f,avx512vl,fma")]
 #[inline]
-unsafe fn store<const V: usize>(out: *mut f32, sums: [__m512; V], add: bool) {
+unsafe fn store<const V: usize>(out: *mut f32, sums: [__m512; V], base: *const f32) {
     for (v, &sum) in sums.iter().enumerate() {
         // SAFETY: this is the v-th of V vectors.
         unsafe {
             let out = out.add(v * LANES);
-            _mm512_storeu_ps(out, if add { _mm512_add_ps(_mm512_loadu_ps(out), sum) } else { sum });
+            let sum =
+                if base.is_null() { sum } else { _mm512_add_ps(_mm512_loadu_ps(base.add(v * LANES)), sum) };
+            _mm512_storeu_ps(out, sum);
         }
     }
 }

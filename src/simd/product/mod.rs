@@ -1,4 +1,4 @@
-//! The matrix product on one thread: out (+)= a b, at the speed of the instruction set.
+//! The matrix product on one thread, out = base + a b, at the speed of the instruction set.
 //!
 //! The right side is copied into [`Panels`] of a few columns each. The left side is read as it lies. A *tile* of the
 //! result, some rows by the columns of a panel, stays in registers while the inner index runs; one file per instruction
@@ -110,8 +110,18 @@ impl<'a> MatRef<'a> {
 pub(crate) struct Target<'a> {
     pub(crate) data: &'a mut [f32],
     pub(crate) stride: usize,
-    /// Whether the product is added to what is there, instead of written over it.
-    pub(crate) add: bool,
+    pub(crate) base: Base<'a>,
+}
+
+/// What a product is added to.
+#[derive(Clone, Copy)]
+pub(crate) enum Base<'a> {
+    /// Nothing: the result is the product.
+    Zero,
+    /// What the result's place holds.
+    Out,
+    /// The same row for every row of the result, such as a bias: as many values as the result has columns.
+    Row(&'a [f32]),
 }
 
 /// One tile of a product as its inner loop sees it; see [`TileFn`].
@@ -127,7 +137,9 @@ struct Tile {
     panel: *const f32,
     out: *mut f32,
     out_stride: usize,
-    add: bool,
+    /// What the sums are added to: rows `base_stride` apart, or null for nothing.
+    base: *const f32,
+    base_stride: usize,
 }
 
 /// Values of a tile, at most.
@@ -137,7 +149,8 @@ const MAX_TILE: usize = 12 * 32;
 ///
 /// # Safety
 /// The processor has the kernel's instruction set; all values of the left side (rows x depth) and of the panel (depth x
-/// the kernel's columns) can be read, and those of the result (rows x the tile's columns) can be read and written.
+/// the kernel's columns) can be read, as can the base's if it is not null; those of the result (rows x the tile's columns)
+/// can be read and written.
 type TileFn = unsafe fn(&Tile);
 
 /// The tiles of 1, 2, ... rows with contiguous rows on the left side and those with contiguous columns.
@@ -187,7 +200,7 @@ fn panel_columns(set: InstructionSet) -> usize {
     }
 }
 
-/// target (+)= left times the matrix in the panels, on this thread.
+/// target = base + left times the matrix in the panels, on this thread.
 ///
 /// # Panics
 /// If the inner sides differ or the target is too short.
@@ -201,6 +214,9 @@ pub(crate) fn multiply(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
     let len = target.data.len();
     let end = (m - 1).checked_mul(target.stride).and_then(|last| last.checked_add(n));
     assert!(end.is_some_and(|end| end <= len), "product: result of {len} values for [{m}x{n}]");
+    if let Base::Row(base) = target.base {
+        assert!(base.len() == n, "product: row of {} values for [{m}x{n}]", base.len());
+    }
     let set = right.instruction_set();
     // The panels may come from another place, and nothing below checks again.
     assert!(set.is_available(), "product: panels for {set:?}");
@@ -215,7 +231,7 @@ pub(crate) fn multiply(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
 
 /// [`multiply`] with the tiles of K. The processor has its instruction set, and the shapes fit.
 fn multiply_with<K: MicroKernel>(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
-    let Target { data, stride, add } = target;
+    let Target { data, stride, base } = target;
     let pick = |tiles: Tiles| if left.transposed { tiles.transposed } else { tiles.straight };
     let (wide, narrow) = (pick(K::TILES), pick(K::NARROW_TILES));
     // Where a tile goes that has more columns than are left of the result.
@@ -223,7 +239,7 @@ fn multiply_with<K: MicroKernel>(target: Target<'_>, left: MatRef<'_>, right: &P
     for first in (0..left.cols).step_by(DEPTH) {
         let depth = DEPTH.min(left.cols - first);
         let left = left.part(0, left.rows, first, depth);
-        let add = add || first > 0;
+        let base = if first == 0 { base } else { Base::Out };
         for column in (0..right.cols()).step_by(K::COLUMNS) {
             let width = K::COLUMNS.min(right.cols() - column);
             let (tiles, columns) =
@@ -234,10 +250,15 @@ fn multiply_with<K: MicroKernel>(target: Target<'_>, left: MatRef<'_>, right: &P
             while row < left.rows {
                 let rows = rows_of_tile(left.rows - row, tiles.len());
                 let at = row * stride + column;
-                let (out, out_stride, add_here) = if width == columns {
-                    (data[at..].as_mut_ptr(), stride, add)
+                let (out, out_stride, base_here) = if width == columns {
+                    (data[at..].as_mut_ptr(), stride, base)
                 } else {
-                    (edge.as_mut_ptr(), columns, false)
+                    (edge.as_mut_ptr(), columns, Base::Zero)
+                };
+                let (base_at, base_stride) = match base_here {
+                    Base::Zero => (std::ptr::null(), 0),
+                    Base::Out => (out.cast_const(), out_stride),
+                    Base::Row(row) => (row[column..].as_ptr(), 0),
                 };
                 let tile = Tile {
                     left: left.data[row * left.row_stride()..].as_ptr(),
@@ -246,16 +267,23 @@ fn multiply_with<K: MicroKernel>(target: Target<'_>, left: MatRef<'_>, right: &P
                     panel: panel.as_ptr(),
                     out,
                     out_stride,
-                    add: add_here,
+                    base: base_at,
+                    base_stride,
                 };
                 // SAFETY: `multiply` has found the instruction set and has made sure that the result has room for
-                // `left.rows` x `right.cols` values, and `edge` has room for any tile; `MatRef` has room for its shape
+                // `left.rows` x `right.cols` values, that a row has `right.cols`, and `edge` has room for any tile; `MatRef` has room for its shape
                 // by construction and `part`; `panel` has `depth` rows of COLUMNS.
                 unsafe { tiles[rows - 1](&tile) };
                 if width < columns {
                     for (i, sums) in edge.chunks_exact(columns).take(rows).enumerate() {
-                        for (o, &sum) in data[at + i * stride..][..width].iter_mut().zip(sums) {
-                            *o = if add { *o + sum } else { sum };
+                        let out = &mut data[at + i * stride..][..width];
+                        match base {
+                            Base::Zero => out.copy_from_slice(&sums[..width]),
+                            Base::Out => out.iter_mut().zip(sums).for_each(|(o, &sum)| *o += sum),
+                            Base::Row(row) => {
+                                let base = row[column..].iter().zip(sums);
+                                out.iter_mut().zip(base).for_each(|(o, (&b, &sum))| *o = b + sum);
+                            }
                         }
                     }
                 }

@@ -46,10 +46,13 @@ unsafe fn tile<const R: usize, const W: usize, const TRANSPOSED: bool>(t: &Tile)
         }
     }
     for (i, sums) in sums.iter().enumerate() {
+        // SAFETY: a base has R rows of W values. It may be the result itself, so it is copied.
+        let base = (!t.base.is_null()).then(|| unsafe { *t.base.add(i * t.base_stride).cast::<[f32; W]>() });
         // SAFETY: the result has R rows of W values, and no one else has them.
         let out = unsafe { &mut *t.out.add(i * t.out_stride).cast::<[f32; W]>() };
-        for (o, &sum) in out.iter_mut().zip(sums) {
-            *o = if t.add { *o + sum } else { sum };
+        match base {
+            None => *out = *sums,
+            Some(base) => out.iter_mut().zip(base.iter().zip(sums)).for_each(|(o, (b, sum))| *o = b + sum),
         }
     }
 }

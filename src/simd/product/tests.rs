@@ -1,7 +1,8 @@
 //! One runner for the tiles of every instruction set: each is compared with a plain chain of multiply-adds, bit for bit.
 
 use super::{
-    DEPTH, MatRef, MicroKernel, Panels, Target, multiply, panel_columns, portable::Portable, rows_of_tile,
+    Base, DEPTH, MatRef, MicroKernel, Panels, Target, multiply, panel_columns, portable::Portable,
+    rows_of_tile,
 };
 use crate::simd::InstructionSet;
 use crate::simd::testing::{at, available};
@@ -34,8 +35,18 @@ struct Case {
     transposed: [bool; 2],
     /// Values between the rows of all three matrices that belong to none.
     gap: usize,
-    add: bool,
+    base: Start,
 }
+
+/// What the product is added to, see [`Base`].
+#[derive(Clone, Copy, Debug)]
+enum Start {
+    Zero,
+    Out,
+    Row,
+}
+
+const STARTS: [Start; 3] = [Start::Zero, Start::Out, Start::Row];
 
 /// A matrix out of `data` in the layout asked for.
 fn lay(data: &[f32], rows: usize, cols: usize, gap: usize, transposed: bool) -> MatRef<'_> {
@@ -48,7 +59,8 @@ fn lay(data: &[f32], rows: usize, cols: usize, gap: usize, transposed: bool) -> 
 
 /// The result's memory before and after the product at `set`, and what the chains of multiply-adds give.
 fn run(case: Case, set: InstructionSet) -> (Vec<f32>, Vec<f32>) {
-    let Case { m, k, n, transposed, gap, add } = case;
+    let Case { m, k, n, transposed, gap, base } = case;
+    let bias = values(n, 4.0);
     let data = [values((m + gap + 1) * (k + gap + 1), 1.1), values((k + gap + 1) * (n + gap + 1), 0.3)];
     let left = lay(&data[0], m, k, gap, transposed[0]);
     let right = lay(&data[1], k, n, gap, transposed[1]);
@@ -60,7 +72,12 @@ fn run(case: Case, set: InstructionSet) -> (Vec<f32>, Vec<f32>) {
         // Once for another matrix, so that what is left of it in the padding would be seen.
         panels.fill(MatRef::window(&[f32::NAN; 34 * 70], 34, 70, 70));
         panels.fill(right);
-        multiply(Target { data: &mut found, stride: n + gap, add }, left, &panels);
+        let base = match base {
+            Start::Zero => Base::Zero,
+            Start::Out => Base::Out,
+            Start::Row => Base::Row(&bias),
+        };
+        multiply(Target { data: &mut found, stride: n + gap, base }, left, &panels);
     });
 
     let fused = fuses(set);
@@ -71,7 +88,12 @@ fn run(case: Case, set: InstructionSet) -> (Vec<f32>, Vec<f32>) {
             for first in (0..k).step_by(DEPTH) {
                 let inner = first..(first + DEPTH).min(k);
                 let sum = inner.fold(0.0, |sum, l| mad(left.at(i, l), right.at(l, j), sum));
-                *o = if add || first > 0 { *o + sum } else { sum };
+                *o = match base {
+                    _ if first > 0 => *o + sum,
+                    Start::Zero => sum,
+                    Start::Out => *o + sum,
+                    Start::Row => bias[j] + sum,
+                };
             }
         }
     }
@@ -93,7 +115,7 @@ fn every_tile_is_a_chain_of_multiply_adds() {
     for (m, n) in (1..=26).flat_map(|m| (1..=49).map(move |n| (m, n))) {
         let k = 1 + (3 * m + n) % 11;
         for transposed in [[false, false], [true, false], [false, true], [true, true]] {
-            check(Case { m, k, n, transposed, gap: m % 3, add: n % 2 == 0 });
+            check(Case { m, k, n, transposed, gap: m % 3, base: STARTS[(m + n) % 3] });
         }
     }
 }
@@ -102,8 +124,8 @@ fn every_tile_is_a_chain_of_multiply_adds() {
 fn inner_sides_around_the_depth_of_a_panel() {
     for k in [DEPTH - 1, DEPTH, DEPTH + 1, 2 * DEPTH, 2 * DEPTH + 3] {
         for transposed in [[false, false], [true, false], [false, true], [true, true]] {
-            for add in [false, true] {
-                check(Case { m: 14, k, n: 40, transposed, gap: 1, add });
+            for base in STARTS {
+                check(Case { m: 14, k, n: 40, transposed, gap: 1, base });
             }
         }
     }
@@ -112,7 +134,7 @@ fn inner_sides_around_the_depth_of_a_panel() {
 #[test]
 fn panels_that_several_threads_fill() {
     for transposed in [[false, false], [false, true]] {
-        check(Case { m: 3, k: 2 * DEPTH + 20, n: 300, transposed, gap: 0, add: false });
+        check(Case { m: 3, k: 2 * DEPTH + 20, n: 300, transposed, gap: 0, base: Start::Zero });
     }
 }
 
@@ -120,9 +142,9 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
     #[test]
     fn any_shape_at_any_instruction_set(
-        m in 1usize..60, k in 1usize..300, n in 1usize..90, left: bool, right: bool, gap in 0usize..5, add: bool,
+        m in 1usize..60, k in 1usize..300, n in 1usize..90, left: bool, right: bool, gap in 0usize..5, base in prop::sample::select(&STARTS[..]),
     ) {
-        check(Case { m, k, n, transposed: [left, right], gap, add });
+        check(Case { m, k, n, transposed: [left, right], gap, base });
     }
 }
 
@@ -147,9 +169,13 @@ fn nothing_is_written_for_an_empty_result() {
     let mut out = [7.0; 4];
     let mut panels = Panels::new();
     panels.fill(MatRef::window(&[], 3, 0, 0));
-    multiply(Target { data: &mut out, stride: 2, add: false }, MatRef::window(&[0.0; 6], 2, 3, 3), &panels);
+    multiply(
+        Target { data: &mut out, stride: 2, base: Base::Zero },
+        MatRef::window(&[0.0; 6], 2, 3, 3),
+        &panels,
+    );
     panels.fill(MatRef::window(&[0.0; 6], 3, 2, 2));
-    multiply(Target { data: &mut out, stride: 2, add: false }, MatRef::window(&[], 0, 3, 3), &panels);
+    multiply(Target { data: &mut out, stride: 2, base: Base::Zero }, MatRef::window(&[], 0, 3, 3), &panels);
     assert_eq!(out, [7.0; 4]);
 }
 
@@ -179,7 +205,7 @@ fn a_result_that_is_too_short_is_refused() {
     let mut panels = Panels::new();
     panels.fill(MatRef::window(&[0.0; 12], 3, 4, 4));
     multiply(
-        Target { data: &mut [0.0; 7], stride: 4, add: false },
+        Target { data: &mut [0.0; 7], stride: 4, base: Base::Zero },
         MatRef::window(&[0.0; 6], 2, 3, 3),
         &panels,
     );
@@ -191,7 +217,7 @@ fn inner_sides_that_differ_are_refused() {
     let mut panels = Panels::new();
     panels.fill(MatRef::window(&[0.0; 12], 3, 4, 4));
     multiply(
-        Target { data: &mut [0.0; 8], stride: 4, add: false },
+        Target { data: &mut [0.0; 8], stride: 4, base: Base::Zero },
         MatRef::window(&[0.0; 4], 2, 2, 2),
         &panels,
     );
