@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::Command;
 
 use bijective_sdf::geometry::Shape;
-use bijective_sdf::io::{read_mesh, read_mesh_bytes};
+use bijective_sdf::io::{read_cloud, read_mesh, read_mesh_bytes};
 
 mod common;
 use common::json::{Known, parse};
@@ -140,6 +140,125 @@ fn a_run_reports_in_json_and_is_the_same_for_any_number_of_threads() {
     let three = dir.path("three.ply");
     run(tiny(&cloud, &three).args(["--seed", "4"]), 0);
     assert!(fs::read(&one).unwrap() != fs::read(&three).unwrap(), "the seed does nothing");
+}
+
+/// The colours of a binary cloud of ours, behind three floats each.
+fn colours(path: &Path) -> Vec<[u8; 3]> {
+    let bytes = fs::read(path).unwrap();
+    let header = b"property uchar red\nproperty uchar green\nproperty uchar blue\nend_header\n";
+    let at = bytes.windows(header.len()).position(|w| w == header).expect("colours") + header.len();
+    bytes[at..].chunks_exact(15).map(|row| row[12..].try_into().unwrap()).collect()
+}
+
+#[test]
+fn the_figures_of_the_parameterization_are_told_and_drawn() {
+    let dir = Dir::new("codes");
+    let (cloud, mesh) = (dir.cloud(), dir.path("mesh.ply"));
+    let mut command = tiny(&cloud, &mesh);
+    command.arg("--json").arg("--codes").arg(dir.path("ball")).arg("--surface-points").arg(dir.path("s.ply"));
+    let output = run(&mut command, 0);
+    let text = err(&output);
+    assert!(text.contains("note: S: ") && text.contains(" of 600 points distinct ("), "{text}");
+    assert!(text.contains("note: codes: mean 0.") || text.contains("note: codes: mean 1."), "{text}");
+    let json = parse(&out(&output));
+    let coverage = json.at("coverage");
+    assert_eq!((coverage.at("points").number(), coverage.at("surface_points").number()), (60.0, 600.0));
+    for (key, least, most) in [
+        ("distinct", 1.0, 600.0),
+        ("distinct_share", 0.001, 1.0),
+        ("q_to_s", 0.0, 1.0),
+        ("s_to_q", 0.0, 1.0),
+        ("mean_code", 0.0, 1.001),
+        ("sphere_codes", 600.0, 600.0),
+        ("used_codes", 10.0, 600.0),
+        ("evenness", 10.0 / 600.0, 1.0),
+        ("near_pairs", 0.0, 360_000.0),
+    ] {
+        let x = coverage.at(key).number();
+        assert!((least..=most).contains(&x), "{key} {x}");
+    }
+    assert!(coverage.at("folded").is_null() || (0.0..=1.0).contains(&coverage.at("folded").number()));
+
+    let files = json.at("codes").as_array().unwrap();
+    let read = |part: &str| {
+        let path = dir.path(&format!("ball-{part}.ply"));
+        assert!(files.iter().any(|f| f.text() == path.to_str().unwrap()), "{part}");
+        let (points, colours) = (read_cloud(&path).unwrap().points, colours(&path));
+        assert_eq!(points.len(), colours.len());
+        (points, colours)
+    };
+    let (points, own) = read("points");
+    let (codes, colours) = read("codes");
+    assert_eq!((points.len(), codes.len(), &own), (60, 60, &colours));
+    for (code, colour) in codes.iter().zip(&colours) {
+        for (x, c) in code.iter().zip(colour) {
+            assert!((127.5 * (x + 1.0) - f32::from(*c)).abs() <= 0.51, "{code:?} {colour:?}");
+        }
+    }
+    let ((surface, own), (patches, colours)) = (read("surface"), read("patches"));
+    assert_eq!((surface.len(), patches.len(), own), (600, 600, colours));
+    assert_eq!(surface, read_cloud(dir.path("s.ply")).unwrap().points);
+    let ((verts, own), (moved, colours)) = (read("grid"), read("moved"));
+    assert!(verts.len() > 50 && verts.len() == moved.len() && own == colours && verts != moved);
+    assert_eq!(files.len(), 6);
+
+    // Nothing of it is written over the input, nor where it would not be.
+    let input = dir.path("a-codes.ply");
+    fs::copy(&cloud, &input).unwrap();
+    let before = fs::read(&input).unwrap();
+    fails(tiny(&input, &mesh).arg("--codes").arg(dir.path("a")), 2, &["--codes", "overwrite the input"]);
+    fails(&mut tiny(&input, &input), 2, &["--output", "overwrite the input"]);
+    fails(tiny(&cloud, &dir.path("b-grid.ply")).arg("--codes").arg(dir.path("b.ply")), 2, &["both"]);
+    fails(tiny(&cloud, &mesh).args(["--codes", "-"]), 2, &["pipe"]);
+    let none = ["--set", "parameterization=upsample"];
+    fails(tiny(&cloud, &mesh).args(none).arg("--codes").arg(dir.path("c")), 2, &["parameterization=bsp"]);
+    assert!(fs::read(&input).unwrap() == before);
+    // Without codes S still has figures, and without S there are none.
+    let of = |setting: &str| {
+        let option = format!("parameterization={setting}");
+        let output = run(tiny(&cloud, &mesh).args(["--json", "--quiet", "--set", &option]), 0);
+        parse(&out(&output)).at("coverage").clone()
+    };
+    let upsample = of("upsample");
+    assert!(upsample.at("distinct_share").number() > 0.9 && upsample.at("mean_code").is_null());
+    assert!(of("none").is_null());
+}
+
+#[test]
+fn points_are_compared_with_a_truth() {
+    let dir = Dir::new("points");
+    let mesh = dir.mesh("box.ply", true);
+    let sample = |name: &str, n: &str| {
+        let path = dir.path(name);
+        run(program().arg("sample").arg(&mesh).arg("-o").arg(&path).args(["-n", n, "--seed", "5"]), 0);
+        path
+    };
+    let (few, many) = (sample("few.ply", "50"), sample("many.ply", "500"));
+    let evaluate = |args: &[&str]| {
+        let mut command = program();
+        command
+            .args(["evaluate", "--points", "--samples", "5000"])
+            .args(args)
+            .args([&mesh, &few, &mesh, &many]);
+        out(&run(&mut command, 0))
+    };
+    let lines: Vec<Value> = evaluate(&["--json"]).lines().map(parse).collect();
+    let at = |i: usize, key: &str| lines[i].at(key).number();
+    assert_eq!((lines[0].at("name").text(), at(0, "points"), at(1, "distinct")), ("few", 50.0, 500.0));
+    assert!(at(0, "truth_to_it") > 2.0 * at(1, "truth_to_it") && at(0, "to_truth") < 0.05);
+    assert!((at(1, "truth_to_it") / at(1, "floor") - 1.0).abs() < 0.1, "{lines:?}");
+    let csv = evaluate(&["--csv"]);
+    assert!(csv.starts_with("name,points,distinct,10 to truth,10 truth to it,10 floor\n"), "{csv}");
+    for style in ["--markdown", "--latex"] {
+        assert!(evaluate(&[style]).contains("many"));
+    }
+    assert!(evaluate(&[]).contains("truth to it"));
+    fails(program().args(["evaluate", "--points"]).args([&mesh, &few, &mesh]), 2, &["pairs"]);
+    run(program().args(["evaluate", "--points", "--scan"]).args([&mesh, &few, &mesh]), 2);
+    let mut command = program();
+    command.args(["evaluate", "--points", "--json"]).args([&mesh, &dir.path("none.ply"), &mesh, &few]);
+    let output = run(&mut command, 3);
+    assert!(err(&output).contains("none.ply") && out(&output).lines().count() == 2);
 }
 
 #[test]

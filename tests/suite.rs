@@ -6,7 +6,7 @@ use std::path::Path;
 use std::process::Command;
 
 use bijective_sdf::geometry::{Shape, TriangleMesh};
-use bijective_sdf::io::{read_mesh, write_cloud, write_mesh};
+use bijective_sdf::io::{read_cloud, read_mesh, write_cloud, write_mesh};
 
 // The tests of the other commands need the rest of it.
 #[allow(dead_code)]
@@ -90,9 +90,20 @@ fn a_suite_is_run_once_and_goes_on_where_it_was_stopped() {
         assert!(line.at("seconds").number() > 0.0 && line.at("threads").number() == 1.0);
         let mesh = read_mesh(to.join(line.at("mesh").text())).unwrap();
         assert_eq!(line.at("result_topology").at("faces").number(), mesh.faces.len() as f64);
+        let surface = read_cloud(to.join(line.at("surface").text())).unwrap().points;
+        assert_eq!(line.at("coverage").at("surface_points").number(), surface.len() as f64);
+        assert!(line.at("coverage").at("mean_code").number() >= 0.0);
         match line.at("shape").text() {
-            "ball_60" => assert_eq!((line.at("truth"), line.at("report")), (&Value::Null, &Value::Null)),
+            "ball_60" => {
+                assert_eq!((line.at("truth"), line.at("report")), (&Value::Null, &Value::Null));
+                assert_eq!(line.at("truth_coverage"), &Value::Null);
+            }
             name => {
+                // The cloud was drawn with the seed of the comparison, and is still not among its samples.
+                let covered = line.at("truth_coverage");
+                for key in ["q_to_truth", "truth_to_q", "s_to_truth", "truth_to_s", "floor"] {
+                    assert!(covered.at(key).number() > 0.0, "{key}: {covered}");
+                }
                 assert_eq!(line.at("truth").text(), name.trim_end_matches("_60"));
                 assert!(line.at("report").at("metrics").at("cd_l1").number() > 0.0);
                 assert!(line.at("report").at("floor").at("cd_l1").number() > 0.0);
@@ -109,7 +120,9 @@ fn a_suite_is_run_once_and_goes_on_where_it_was_stopped() {
     for row in ["| few ", "| sampled ", "| default ", "| alike (= default) ", "| k_8 (= default) "] {
         assert!(table.contains(row), "{row}: {table}");
     }
+    assert!(table.contains("| mean code |"), "{table}");
     let read = |name: &str| fs::read_to_string(to.join(name)).unwrap();
+    assert_eq!(read("surface.csv").lines().count(), 6);
     assert!(read("table.md").contains(&table) && read("table.tex").contains("\\begin{tabular}"));
     assert_eq!((read("table.csv").lines().count(), read("shapes.csv").lines().count()), (6, 4));
     for setting in ["few", "sampled", "default"] {
@@ -139,6 +152,21 @@ fn a_suite_is_run_once_and_goes_on_where_it_was_stopped() {
     for key in ["fingerprint", "report", "result_topology"] {
         assert_eq!(new.last().unwrap().at(key), old.at(key));
     }
+
+    // Lines of a build that had no figures of S are read, too.
+    let whole = fs::read_to_string(to.join("runs.jsonl")).unwrap();
+    let old = |line: &str| {
+        let mut line = parse(line);
+        for key in ["surface", "coverage", "truth_coverage"] {
+            line.as_object_mut().unwrap().remove(key).unwrap();
+        }
+        format!("{line}\n")
+    };
+    fs::write(to.join("runs.jsonl"), whole.lines().map(old).collect::<String>()).unwrap();
+    let fourth = run(&mut command, 0);
+    assert!(err(&fourth).contains("28 runs, 0 to make") && !out(&fourth).contains("mean code"));
+    assert!(table.starts_with(&out(&fourth)));
+    fs::write(to.join("runs.jsonl"), whole).unwrap();
 
     // A changed cloud is another input.
     run(

@@ -3,6 +3,7 @@
 
 mod atlas;
 mod canonical;
+mod coverage;
 mod inverse;
 mod neighbourhood;
 mod patch;
@@ -12,6 +13,7 @@ mod upsample;
 
 pub use atlas::Atlas;
 pub use canonical::Canonical;
+pub use coverage::{CodeCoverage, Codes, Coverage, Parameterized, code_colour};
 pub use inverse::Inverse;
 pub use neighbourhood::Neighbourhood;
 pub use patch::PatchSampler;
@@ -91,6 +93,12 @@ impl Bsp {
     /// The sizes.
     pub fn config(&self) -> &BspConfig {
         &self.config
+    }
+
+    /// The codes of a whole cloud with their patches, from the codes of its points (n x 3, unit length).
+    pub(super) fn codes(&self, points: Vec<[f32; 3]>) -> Codes {
+        let (patches, index) = self.sampler.patches(&points);
+        Codes { points, patches, index, sphere: self.sampler.sphere().len() }
     }
 
     pub(super) fn set_cloud(&mut self, points: &[[f32; 3]]) {

@@ -38,16 +38,32 @@ impl PatchSampler {
         self.place(tape, u, &steps)
     }
 
+    /// All codes of the sphere (m x 3).
+    pub(super) fn sphere(&self) -> &[[f32; 3]] {
+        &self.sphere
+    }
+
+    /// The codes of the patch of every centre (n x 3) as they are on the sphere ((n M) x 3), and which they are (n M).
+    pub(super) fn patches(&self, centres: &[[f32; 3]]) -> (Vec<[f32; 3]>, Vec<u32>) {
+        let index = self.nearest(centres);
+        (index.iter().map(|&c| self.sphere[c as usize]).collect(), index)
+    }
+
     /// c - stop(u) for the patch of every centre u: what leads from the centre to its codes, (n M) x 3.
     pub(super) fn steps(&self, centres: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        // The search refuses what is not finite; the steps carry it on, to where the loss is checked.
-        let finite = |u: &[f32; 3]| if u.iter().all(|x| x.is_finite()) { *u } else { [0.0, 0.0, 1.0] };
-        let places: Vec<[f32; 3]> = centres.iter().map(finite).collect();
         let step = |(i, &c): (usize, &u32)| {
             let (c, u) = (self.sphere[c as usize], centres[i / self.patch]);
             [c[0] - u[0], c[1] - u[1], c[2] - u[2]]
         };
-        self.tree.k_nearest(&places, self.patch).iter().enumerate().map(step).collect()
+        self.nearest(centres).iter().enumerate().map(step).collect()
+    }
+
+    /// The M nearest codes of the sphere of every centre, nearest first (n M).
+    fn nearest(&self, centres: &[[f32; 3]]) -> Vec<u32> {
+        // The search refuses what is not finite; the steps carry it on, to where the loss is checked.
+        let finite = |u: &[f32; 3]| if u.iter().all(|x| x.is_finite()) { *u } else { [0.0, 0.0, 1.0] };
+        let places: Vec<[f32; 3]> = centres.iter().map(finite).collect();
+        self.tree.k_nearest(&places, self.patch)
     }
 
     /// The centres u (n x 3) moved along constant steps ((n M) x 3) and back onto the sphere.

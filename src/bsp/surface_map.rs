@@ -1,6 +1,6 @@
 //! The parameterizations behind one door.
 
-use super::{Atlas, Bsp, BspConfig, Neighbourhood, Upsample};
+use super::{Atlas, Bsp, BspConfig, Neighbourhood, Parameterized, Upsample};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
 use crate::tensor::Tensor;
@@ -170,17 +170,41 @@ impl SurfaceMap {
 
     /// All of S (i x 3) for the cloud `points` (n x 3), block by block and without gradients.
     pub fn surface(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> Vec<[f32; 3]> {
+        self.forward_all(points, blocks).0
+    }
+
+    /// All of S for the cloud `points` (n x 3) with the codes that it comes from, block by block and without gradients.
+    pub fn parameterize(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> Parameterized {
+        let (surface, codes) = self.forward_all(points, blocks);
+        let codes = match self {
+            SurfaceMap::Bsp(bsp) => Some(bsp.codes(codes)),
+            SurfaceMap::Atlas(_) | SurfaceMap::Upsample(_) => None,
+        };
+        Parameterized { points: points.to_vec(), surface, codes }
+    }
+
+    /// S (i x 3) and the codes of the points (n x 3), which only BSP has; other maps leave them 0.
+    fn forward_all(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> (Vec<[f32; 3]>, Vec<[f32; 3]>) {
         let mut surface = vec![[0.0; 3]; self.surface_len(points.len())];
+        let mut codes = vec![[0.0; 3]; points.len()];
         let mut tape = Tape::new();
         for block in blocks {
             tape.clear();
             let p = self.params().bind(&mut tape, false);
             let context: Vec<[f32; 3]> = block.context().iter().map(|&i| points[i as usize]).collect();
             let context = tape.constant(Tensor::from_points(&context));
-            let part = self.forward(&mut tape, &p, context, block);
+            let part = match self {
+                SurfaceMap::Bsp(bsp) => {
+                    let out = bsp.forward(&mut tape, &p, context, block);
+                    let own = tape.value(out.codes).to_points();
+                    block.centres().iter().zip(own).for_each(|(&i, code)| codes[i as usize] = code);
+                    out.surface
+                }
+                SurfaceMap::Atlas(_) | SurfaceMap::Upsample(_) => self.forward(&mut tape, &p, context, block),
+            };
             self.place(block, &tape.value(part).to_points(), &mut surface);
         }
-        surface
+        (surface, codes)
     }
 }
 
@@ -203,6 +227,36 @@ mod tests {
         for (a, b) in whole.iter().zip(map.surface(&points, &blocks)) {
             assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-4), "{a:?} {b:?}");
         }
+    }
+
+    #[test]
+    fn the_codes_of_a_cloud_are_those_that_its_surface_comes_from() {
+        let points = normal(&[21, 3], 3).to_points();
+        let config = BspConfig { neighbours: 4, reach: 5, ..super::super::tests::small(5, true) };
+        let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
+            .unwrap();
+        let SurfaceMap::Bsp(bsp) = &map else { panic!("asked for BSP") };
+        let blocks = map.blocks(&points, None, 6);
+        let all = map.parameterize(&points, &blocks);
+        assert_eq!((&all.points, &all.surface), (&points, &map.surface(&points, &blocks)));
+        let codes = all.codes.as_ref().unwrap();
+        assert_eq!((codes.points.len(), codes.patches.len(), codes.sphere), (21, 63, 63));
+        for block in &blocks {
+            let mut tape = Tape::new();
+            let p = map.params().bind(&mut tape, false);
+            let context: Vec<[f32; 3]> = block.context().iter().map(|&i| points[i as usize]).collect();
+            let context = tape.constant(Tensor::from_points(&context));
+            let out = bsp.forward(&mut tape, &p, context, block);
+            let (u, patches) = (tape.value(out.codes).to_points(), tape.value(out.patches).to_points());
+            for (i, &centre) in block.centres().iter().enumerate() {
+                assert_eq!(codes.points[centre as usize], u[i]);
+                for (a, b) in codes.patches[map.rows_of(centre)].iter().zip(&patches[3 * i..]) {
+                    assert!((0..3).all(|d| (a[d] - b[d]).abs() < 1e-6), "{a:?} {b:?}");
+                }
+            }
+        }
+        let coverage = all.coverage().unwrap();
+        assert!(coverage.codes.unwrap().used <= 63 && coverage.distinct <= 63);
     }
 
     #[test]
@@ -234,6 +288,8 @@ mod tests {
             let surface = map.surface(&points, &map.blocks(&points, None, 4));
             assert_eq!((surface.len(), map.surface_len(9)), (want, want));
             assert!(surface.iter().flatten().all(|x| x.is_finite()));
+            let all = map.parameterize(&points, &map.blocks(&points, None, 4));
+            assert_eq!((all.surface, all.codes.is_some()), (surface, kind == Parameterization::Bsp));
         }
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let none = Parameterization::None;

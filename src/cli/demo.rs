@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::PathBuf;
 
-use bijective_sdf::evaluate::{GroundTruth, Options, evaluate};
+use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
 use bijective_sdf::geometry::{Bounds, NarrowBandOptions, Shape, TetGrid, TriangleMesh, extract};
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::{Error, ErrorKind};
@@ -11,6 +11,7 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::Common;
+use super::coverage::{TruthCoverage, coverage_text};
 use super::failure::Failure;
 use super::files::{print, write_bytes};
 use super::json::Object;
@@ -86,6 +87,11 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;
     let report = evaluate(GroundTruth::Mesh(&truth), &mesh, &Options { surface: true, ..Options::shape() })?;
+    let s = trained.field.surface_points();
+    let sets = [&points[..], &s];
+    let sets = if s.is_empty() { &sets[..1] } else { &sets };
+    let covered = evaluate_points(GroundTruth::Mesh(&truth), sets, &Options::shape())?;
+    let covered = TruthCoverage::of(&covered).map_or("null".to_string(), |c| c.json());
     let view = View { up: Axis::Z, ..View::default() };
     let image = render(&points, &mesh, &view)?;
 
@@ -97,6 +103,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     write_mesh(&truth_file, &truth).map_err(Failure::Output)?;
     write_bytes(&picture, &image.to_png())?;
 
+    trained.field.coverage().iter().flat_map(|c| coverage_text(c)).for_each(|line| common.note(&line));
     if args.json {
         let json = Object::new()
             .text("shape", name)
@@ -105,6 +112,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
             .raw("seed", config.seed);
         let json = describe(json, &trained, &topology)
             .raw("evaluation", report_json(name, &report))
+            .raw("truth_coverage", covered)
             .number("seconds", trained.seconds)
             .path("cloud", Some(&cloud_file))
             .path("output", Some(&mesh_file))

@@ -1,16 +1,17 @@
 //! `evaluate`: how far predictions are from ground truths.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
-use bijective_sdf::evaluate::{Frame, GroundTruth, Options, Protocol, Report, Table, evaluate_with_scan};
+use bijective_sdf::evaluate::{Frame, Options, Protocol, Report, Table, evaluate_with_scan};
 use bijective_sdf::geometry::Topology;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{Content, Input, print, say};
+use super::files::{Content, Input, name, print, say};
 use super::json::Object;
+use super::points::{self, Style};
 use super::report::topology_json;
 use super::report::{published_json, published_text, report_json, report_text, summary_json, table_json};
 
@@ -47,6 +48,10 @@ pub struct EvaluateArgs {
     /// The files come in threes, GT PRED SCAN: measure also between the prediction and the raw scan (mesh or cloud)
     #[arg(long)]
     scan: bool,
+    /// The predictions are points, such as a cloud and the denser one of `reconstruct --surface-points`: print how many
+    /// are distinct, their mean distance to the truth and its to them, and what as many points of the truth would have
+    #[arg(long, conflicts_with_all = ["scan", "surface", "ntps", "tau"])]
+    points: bool,
     /// Print also the normal consistency summed over components, as some published tables have it
     #[arg(long)]
     ntps: bool,
@@ -95,6 +100,16 @@ impl EvaluateArgs {
         }
         options
     }
+
+    fn style(&self) -> Style {
+        match self {
+            EvaluateArgs { json: true, .. } => Style::Json,
+            EvaluateArgs { csv: true, .. } => Style::Csv,
+            EvaluateArgs { markdown: true, .. } => Style::Markdown,
+            EvaluateArgs { latex: true, .. } => Style::Latex,
+            _ => Style::Text,
+        }
+    }
 }
 
 /// A pair: its name, and its figures with the facts of the predicted mesh, or why it has none.
@@ -126,6 +141,9 @@ pub fn run(args: &EvaluateArgs, common: Common) -> Result<(), Failure> {
         )));
     }
     let options = args.options();
+    if args.points {
+        return points::run(&args.files, &options, args.style());
+    }
     let mut compared: Vec<Compared> = args
         .files
         .chunks_exact(group)
@@ -180,17 +198,9 @@ fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<(Repo
         common.note(&format!("{} has no faces and is used as points {normals} normals", files[0].display()));
         cloud.notices.iter().for_each(|n| common.note(n));
     }
-    let report = evaluate_with_scan(truth_of(&truth), &mesh, scan.as_ref().map(truth_of), options)?;
+    let report =
+        evaluate_with_scan(truth.ground_truth(), &mesh, scan.as_ref().map(Content::ground_truth), options)?;
     Ok((report, mesh.topology()))
-}
-
-fn truth_of(content: &Content) -> GroundTruth<'_> {
-    match content {
-        Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
-        Content::Cloud(cloud) => {
-            GroundTruth::Cloud { points: &cloud.points, normals: cloud.normals.as_deref() }
-        }
-    }
 }
 
 /// One line a pair and, of several, one with the summary.
@@ -247,8 +257,4 @@ fn headed(name: &str, report: &Report, ntps: bool) -> String {
         report.scale,
         report_text(report, ntps)
     )
-}
-
-fn name(path: &Path) -> String {
-    path.file_stem().map_or_else(|| path.display().to_string(), |s| s.to_string_lossy().into_owned())
 }

@@ -4,6 +4,7 @@ use std::fs;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
+use bijective_sdf::evaluate::GroundTruth;
 use bijective_sdf::geometry::TriangleMesh;
 use bijective_sdf::io::{
     Encoding, Format, PointCloud, read_cloud_bytes, read_mesh_bytes, write_atomic, write_cloud_to,
@@ -23,6 +24,23 @@ pub const CLOUD_FORMATS: [Format; 3] = [Format::Ply, Format::Xyz, Format::Csv];
 pub enum Content {
     Cloud(PointCloud),
     Mesh(TriangleMesh),
+}
+
+impl Content {
+    /// As what predictions are held against.
+    pub fn ground_truth(&self) -> GroundTruth<'_> {
+        match self {
+            Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
+            Content::Cloud(cloud) => {
+                GroundTruth::Cloud { points: &cloud.points, normals: cloud.normals.as_deref() }
+            }
+        }
+    }
+}
+
+/// The name of a file in a table: without directory and extension.
+pub fn name(path: &Path) -> String {
+    path.file_stem().map_or_else(|| path.display().to_string(), |s| s.to_string_lossy().into_owned())
 }
 
 /// Parses the name of a format and lists the names in the help.
@@ -167,6 +185,12 @@ pub fn check_writable(path: &Path) -> Result<(), Failure> {
         }
         _ => Ok(()),
     }
+}
+
+/// Whether two paths name one file that is there.
+pub fn is_same_file(a: &Path, b: &Path) -> bool {
+    let of = |path: &Path| fs::canonicalize(path).ok();
+    !is_pipe(a) && !is_pipe(b) && of(a).is_some_and(|a| of(b).is_some_and(|b| a == b))
 }
 
 /// Writes a whole file, or to standard output; the file appears whole or not at all.

@@ -5,7 +5,9 @@ use std::process::ExitCode;
 
 use clap::{Args, Parser, Subcommand};
 
+mod codes;
 mod config;
+mod coverage;
 mod demo;
 mod evaluate;
 mod failure;
@@ -14,6 +16,7 @@ mod info;
 mod interrupt;
 mod json;
 mod mesh;
+mod points;
 mod preview;
 mod progress;
 mod reconstruct;

@@ -3,18 +3,23 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
+use bijective_sdf::bsp::Parameterization;
 use bijective_sdf::geometry::{Topology, clean_cloud};
 use bijective_sdf::io::Format;
+use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::Common;
+use super::codes::CodesFiles;
+use super::coverage::{coverage_json, coverage_text};
 use super::failure::Failure;
 use super::files::{
-    CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_writable, format_parser, is_pipe, print, write_bytes,
+    CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_writable, format_parser, is_pipe, is_same_file, print,
+    write_bytes,
 };
 use super::interrupt::Interrupt;
-use super::json::Object;
+use super::json::{Object, list, quoted};
 use super::preview::{View, ViewArgs, render};
 use super::report::{gate, passes_gate, topology_json};
 use super::settings::Settings;
@@ -67,6 +72,13 @@ pub struct ReconstructArgs {
     /// Write the denser points that the surface was drawn to (ply, xyz, csv)
     #[arg(long, value_name = "FILE")]
     surface_points: Option<PathBuf>,
+    /// Write point clouds in the colours of their codes on the sphere, rgb = (code + 1) / 2, to draw the
+    /// parameterization with: STEM-points.ply (the points Q), STEM-codes.ply (their codes U), STEM-surface.ply (the
+    /// denser points S), STEM-patches.ply (the codes P of S), STEM-grid.ply (the vertices V of the training's grid
+    /// around the surface) and STEM-moved.ply (V', the same moved along the field); a vertex has the code of the point
+    /// of S nearest to it in V'
+    #[arg(long, value_name = "STEM")]
+    codes: Option<PathBuf>,
     /// Write the field, for the commands `sdf` and `mesh`
     #[arg(long, value_name = "FILE")]
     save_field: Option<PathBuf>,
@@ -89,6 +101,9 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let began = Instant::now();
     let (config, preset) = args.settings.build()?;
     let places = Places::of(args)?;
+    if args.codes.is_some() && config.parameterization != Parameterization::Bsp {
+        return Err(Failure::Usage("--codes needs codes, which only parameterization=bsp has".into()));
+    }
     let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
     let input = Input::read(&args.input, args.format)?;
     let cloud = input.cloud()?;
@@ -100,7 +115,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     }
     common.note(&format!("{} points, preset {preset}, seed {}", clean.points.len(), config.seed));
 
-    let trained = train(&cloud.points, &config, &plan(args, common), Some(&interrupt))?;
+    let mut trained = train(&cloud.points, &config, &plan(args, common), Some(&interrupt))?;
     if trained.timed_out {
         common.note(&format!(
             "the time limit ended the run after step {} of {}{}; the result depends on the speed of the machine",
@@ -129,8 +144,14 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         write_bytes(path, &png)?;
     }
     places.mesh.write_mesh(&mesh)?;
+    // Last, as the grid of the training may fail to find what that of the mesh has found.
+    if let Some(files) = &places.codes {
+        let none = || Err(Error::new(ErrorKind::Diverged, "the parameterization is not finite"));
+        files.write(&trained.coded.take().unwrap_or_else(none)?)?;
+    }
 
     common.note(&topology.to_string());
+    trained.field.coverage().iter().flat_map(|c| coverage_text(c)).for_each(|line| common.note(&line));
     if args.json {
         let json = Object::new()
             .path("input", Some(&args.input))
@@ -148,6 +169,12 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         let json = describe(json, &trained, &topology)
             .raw("seconds", seconds)
             .path("surface_points", args.surface_points.as_deref())
+            .raw(
+                "codes",
+                places.codes.as_ref().map_or("null".to_string(), |files| {
+                    list(files.paths.iter().map(|path| quoted(&path.to_string_lossy())))
+                }),
+            )
             .path("field", args.save_field.as_deref())
             .path("preview", args.view.preview.as_deref())
             .path("checkpoint", args.checkpoint.as_deref());
@@ -169,6 +196,7 @@ pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object 
         .text("ended", if trained.timed_out { "time-limit" } else { "done" })
         .number("noise_removed", trained.noise_removed)
         .raw("losses", losses)
+        .raw("coverage", coverage_json(trained.field.coverage()))
         .raw("mesh", topology_json(topology))
         .flag("closed_and_oriented", passes_gate(topology))
 }
@@ -177,10 +205,16 @@ pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object 
 struct Places {
     mesh: Output,
     surface_points: Option<Output>,
+    codes: Option<CodesFiles>,
 }
 
 impl Places {
     fn of(args: &ReconstructArgs) -> Result<Self, Failure> {
+        let codes = args.codes.as_ref().map(|stem| CodesFiles::new(stem, args.ascii));
+        if args.codes.as_deref().is_some_and(is_pipe) {
+            return Err(Failure::Usage("--codes needs the beginning of file names, not a pipe".into()));
+        }
+        let coded = codes.iter().flat_map(|files| &files.paths).map(|path| ("--codes", Some(path)));
         let files: Vec<(&str, &Path)> = [
             ("--output", Some(&args.output)),
             ("--surface-points", args.surface_points.as_ref()),
@@ -189,6 +223,7 @@ impl Places {
             ("--checkpoint", args.checkpoint.as_ref()),
         ]
         .into_iter()
+        .chain(coded)
         .filter_map(|(option, path)| path.map(|p| (option, p.as_path())))
         .collect();
         for (i, (option, path)) in files.iter().enumerate() {
@@ -201,9 +236,14 @@ impl Places {
             if is_pipe(path) && args.json {
                 return Err(Failure::Usage(format!("{option} - and --json would mix on standard output")));
             }
+            if is_same_file(path, &args.input) {
+                let text = format!("{option} would overwrite the input, {}", path.display());
+                return Err(Failure::Usage(text));
+            }
             check_writable(path)?;
         }
         Ok(Places {
+            codes,
             mesh: Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?,
             surface_points: match &args.surface_points {
                 Some(path) => Some(Output::new(path, None, args.ascii, &CLOUD_FORMATS)?),
@@ -224,6 +264,7 @@ fn plan(args: &ReconstructArgs, common: Common) -> Plan {
         on_interrupt: (!is_pipe(&args.output)).then(|| beside(&args.output)),
         resume: args.resume.clone(),
         time_limit: args.time_limit,
+        codes: args.codes.is_some(),
         quiet: common.quiet,
     }
 }

@@ -3,7 +3,8 @@
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use bijective_sdf::reconstruct::{Config, Reconstruction, StepReport, Trainer};
+use bijective_sdf::Error;
+use bijective_sdf::reconstruct::{Coded, Config, Reconstruction, StepReport, Trainer};
 
 use super::failure::Failure;
 use super::interrupt::Interrupt;
@@ -20,6 +21,8 @@ pub struct Plan {
     pub resume: Option<PathBuf>,
     /// Stop training after this time.
     pub time_limit: Option<Duration>,
+    /// Keep points, S and grid vertices with their codes.
+    pub codes: bool,
     /// Show no progress.
     pub quiet: bool,
 }
@@ -27,6 +30,8 @@ pub struct Plan {
 /// A trained field and how it came about.
 pub struct Trained {
     pub field: Reconstruction,
+    /// Points, S and grid vertices with their codes, if they are to be kept and there are some, or why there are none.
+    pub coded: Option<Result<Coded, Error>>,
     /// Steps made, those before a resumed checkpoint included.
     pub steps: usize,
     /// Steps planned.
@@ -99,9 +104,11 @@ pub fn train(
     if let Some((path, _)) = &plan.checkpoint {
         trainer.save_checkpoint(path).map_err(Failure::Output)?;
     }
+    let coded = if plan.codes { trainer.coded().transpose() } else { None };
     let field = trainer.finish();
     Ok(Trained {
         field,
+        coded,
         steps,
         total,
         noise_removed,

@@ -75,7 +75,7 @@ impl Options {
         Options { samples: 1_000_000, ..Self::shape() }
     }
 
-    fn check(&self) -> Result<(), Error> {
+    pub(super) fn check(&self) -> Result<(), Error> {
         for (name, count) in [
             ("samples", Some(self.samples)),
             ("gt_samples", self.gt_samples),
@@ -94,8 +94,19 @@ impl Options {
         Ok(())
     }
 
+    /// Samples of the ground truth.
+    pub(super) fn of_gt(&self) -> usize {
+        self.gt_samples.unwrap_or(self.samples)
+    }
+
+    /// The seed of one of three sets of samples: 0 for the ground truth, 1 for the prediction, 2 for the floor. Three
+    /// apart, so that the next seed of a caller does not share a stream with this one.
+    pub(super) fn stream(&self, i: u64) -> u64 {
+        self.seed.wrapping_mul(3).wrapping_add(i)
+    }
+
     /// The most points of a cloud that are used, of which `count` are asked for.
-    fn most(&self, count: usize) -> usize {
+    pub(super) fn most(&self, count: usize) -> usize {
         if self.whole_clouds { usize::MAX } else { count }
     }
 }
@@ -163,22 +174,12 @@ pub fn evaluate_with_scan(
     if pred.faces.is_empty() {
         return Err(Error::new(ErrorKind::NoSurface, "the prediction has no face"));
     }
-    let within = |what: &'static str| move |e: Error| Error::new(e.kind(), what).caused_by(e);
     let (in_gt, in_pred) = (within("unusable ground truth"), within("unusable prediction"));
 
-    let frame = match options.frame {
-        Frame::AsIs => Normalizer::identity(),
-        Frame::GroundTruthUnit => match gt {
-            // Only vertices in use: a stray one would change the scale.
-            GroundTruth::Mesh(mesh) => Normalizer::of(&corners(mesh).map_err(&in_gt)?),
-            GroundTruth::Cloud { points, .. } => Normalizer::of(points),
-        }
-        .map_err(&in_gt)?,
-    };
-    // Seeds three apart, so that the next seed of a caller does not share a stream with this one. The scan has that of
-    // the floor, with which it is never compared.
-    let seed = |i: u64| options.seed.wrapping_mul(3).wrapping_add(i);
-    let gt_count = options.gt_samples.unwrap_or(options.samples);
+    let frame = frame_of(gt, options.frame).map_err(&in_gt)?;
+    // The scan has the seed of the floor, with which it is never compared.
+    let seed = |i: u64| options.stream(i);
+    let gt_count = options.of_gt();
     let scan_count = options.scan_samples.unwrap_or(options.samples);
 
     let pred = moved(pred, &frame);
@@ -233,14 +234,29 @@ pub fn evaluate_with_scan(
     })
 }
 
+/// Says which of the inputs an error is about.
+pub(super) fn within(what: &'static str) -> impl Fn(Error) -> Error {
+    move |e: Error| Error::new(e.kind(), what).caused_by(e)
+}
+
+/// The frame of the comparison.
+pub(super) fn frame_of(gt: GroundTruth<'_>, frame: Frame) -> Result<Normalizer, Error> {
+    match (frame, gt) {
+        (Frame::AsIs, _) => Ok(Normalizer::identity()),
+        // Only vertices in use: a stray one would change the scale.
+        (Frame::GroundTruthUnit, GroundTruth::Mesh(mesh)) => Normalizer::of(&corners(mesh)?),
+        (Frame::GroundTruthUnit, GroundTruth::Cloud { points, .. }) => Normalizer::of(points),
+    }
+}
+
 /// Samples of one surface in the frame of the comparison: n x 3 points and, if known, unit normals.
-struct Side {
-    points: Vec<[f32; 3]>,
+pub(super) struct Side {
+    pub points: Vec<[f32; 3]>,
     normals: Option<Vec<[f32; 3]>>,
 }
 
 impl Side {
-    fn of_mesh(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Side, Error> {
+    pub fn of_mesh(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Side, Error> {
         let samples = sample_surface(mesh, count, seed)?;
         within_reach(&samples.points)?;
         Ok(Side { points: samples.points, normals: Some(samples.normals) })
@@ -248,7 +264,7 @@ impl Side {
 
     /// At most `most` of the points.
     #[track_caller]
-    fn of_cloud(
+    pub fn of_cloud(
         points: &[[f32; 3]],
         normals: Option<&[[f32; 3]]>,
         frame: &Normalizer,
@@ -286,7 +302,7 @@ fn within_reach(points: &[[f32; 3]]) -> Result<(), Error> {
     }
 }
 
-fn moved(mesh: &TriangleMesh, frame: &Normalizer) -> TriangleMesh {
+pub(super) fn moved(mesh: &TriangleMesh, frame: &Normalizer) -> TriangleMesh {
     TriangleMesh { verts: frame.forward(&mesh.verts), faces: mesh.faces.clone() }
 }
 

@@ -2,7 +2,8 @@
 //!
 //! A ground truth and a prediction are compared through samples of both ([`compare_samples`]) or, without a sampling
 //! floor, from samples of one to the triangles of the other ([`compare_surfaces`]). [`evaluate`] does the sampling, the
-//! choice of frame and the floor; [`evaluate_with_scan`] adds one-sided distances to a raw scan. A [`Protocol`] fixes
+//! choice of frame and the floor; [`evaluate_with_scan`] adds one-sided distances to a raw scan, and
+//! [`evaluate_points`] does the same for points in place of a predicted mesh. A [`Protocol`] fixes
 //! all of this, and the columns, as a family of published tables has it; [`Table`] holds many reports, and
 //! [`TextTable`] writes it and other tables up.
 //!
@@ -34,6 +35,7 @@
 mod column;
 mod compare;
 mod metrics;
+mod points;
 mod protocol;
 mod table;
 mod text_table;
@@ -41,6 +43,7 @@ mod text_table;
 pub use column::Column;
 pub use compare::{Frame, GroundTruth, Options, Report, evaluate, evaluate_with_scan};
 pub use metrics::{Directed, FScore, Metrics, Samples, compare_samples, compare_surfaces};
+pub use points::{PointsReport, evaluate_points};
 pub use protocol::Protocol;
 pub use table::{Table, percentile};
 pub use text_table::{Cell, TextTable};

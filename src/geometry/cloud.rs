@@ -70,6 +70,26 @@ pub fn clean_cloud(points: &[[f32; 3]]) -> Result<CleanCloud, Error> {
     Ok(CleanCloud { duplicates_merged: points.len() - n, points: distinct, extents })
 }
 
+/// How many different places `points` (n x 3) have once each coordinate is rounded to the nearest multiple of `step`,
+/// halves to the even one; `step` is in the points' unit.
+///
+/// # Panics
+/// If `step` is not positive.
+///
+/// ```
+/// use bijective_sdf::geometry::distinct_places;
+///
+/// let points = [[0.0, 0.0, 0.0], [0.0, 0.0, 0.04], [0.0, 0.0, 0.06], [0.0, 0.1, 0.0]];
+/// assert_eq!(distinct_places(&points, 0.1), 3);
+/// ```
+#[track_caller]
+pub fn distinct_places(points: &[[f32; 3]], step: f64) -> usize {
+    assert!(step > 0.0, "distinct_places: step {step}");
+    // Adding 0 turns -0 into 0, so that the same place is the same bits.
+    let place = |p: &[f32; 3]| p.map(|x| ((f64::from(x) / step).round_ties_even() + 0.0).to_bits());
+    points.iter().map(place).collect::<HashSet<_>>().len()
+}
+
 /// The lengths of the cloud along the axes of its covariance, largest first.
 ///
 /// Lengths, not standard deviations: a single point off the plane of a million others still counts in full. Points are

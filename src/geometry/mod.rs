@@ -20,7 +20,7 @@ mod topology;
 
 pub use bounds::{Bounds, Normalizer};
 pub use bvh::{SurfaceHit, TriangleBvh};
-pub use cloud::{CleanCloud, clean_cloud};
+pub use cloud::{CleanCloud, clean_cloud, distinct_places};
 pub use knn::KdTree;
 pub(crate) use knn::usable;
 pub use marching::{BandTopology, Isosurface, march};

@@ -37,7 +37,8 @@ mod xyz;
 pub use crate::atomic::write_atomic;
 pub use format::Format;
 pub use write::{
-    Encoding, write_cloud, write_cloud_as, write_cloud_to, write_mesh, write_mesh_as, write_mesh_to,
+    Encoding, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to, write_mesh,
+    write_mesh_as, write_mesh_to,
 };
 
 use text::float;

@@ -103,6 +103,30 @@ pub fn write_cloud_to(
     emit_cloud(&mut out, points, format, encoding).and_then(|()| out.flush()).map_err(failed)
 }
 
+/// Writes points, n x 3, with a colour each (n x 3: red, green, blue), as PLY with the properties `red`, `green` and
+/// `blue` of a byte each, to any writer; nothing is written unless they pass the checks. Give a buffered writer.
+///
+/// # Errors
+///
+/// [`ErrorKind::Data`] for no points or a coordinate that is not finite, [`ErrorKind::Io`] if writing fails.
+///
+/// # Panics
+///
+/// If there is not one colour a point.
+#[track_caller]
+pub fn write_coloured_cloud_to(
+    mut out: impl Write,
+    points: &[[f32; 3]],
+    colours: &[[u8; 3]],
+    encoding: Encoding,
+) -> Result<(), Error> {
+    assert!(points.len() == colours.len(), "{} points with {} colours", points.len(), colours.len());
+    check_cloud(points, Format::Ply)?;
+    ply::write_coloured(&mut out, points, colours, ply_encoding(encoding))
+        .and_then(|()| out.flush())
+        .map_err(failed)
+}
+
 fn emit_mesh(out: &mut dyn Write, mesh: &TriangleMesh, format: Format, encoding: Encoding) -> io::Result<()> {
     match (format, encoding) {
         (Format::Ply, _) => ply::write(out, &mesh.verts, Some(&mesh.faces), ply_encoding(encoding)),
@@ -223,6 +247,25 @@ mod tests {
         assert_eq!(e.kind(), ErrorKind::Data);
         let e = write_mesh("mesh.las", &good).unwrap_err();
         assert!(e.to_string().contains("ply, obj, stl"), "{e}");
+    }
+
+    #[test]
+    fn colours_stand_beside_the_points_and_do_not_disturb_a_reader() {
+        let points = [[0.5, -1.0, 2.25], [1e-3, 0.0, 7.0]];
+        let colours = [[0, 128, 255], [13, 10, 32]];
+        for encoding in [Encoding::Ascii, Encoding::Binary] {
+            let mut out = Vec::new();
+            write_coloured_cloud_to(&mut out, &points, &colours, encoding).unwrap();
+            let read = crate::io::read_cloud_bytes(&out, None).unwrap();
+            assert_eq!(read.points, points);
+            assert!(read.notices[0].contains("red, green, blue"), "{:?}", read.notices);
+            match encoding {
+                Encoding::Ascii => assert!(out.ends_with(b" 0 128 255\n0.001 0 7 13 10 32\n")),
+                Encoding::Binary => assert!(out.ends_with(&[13, 10, 32])),
+            }
+        }
+        let error = write_coloured_cloud_to(Vec::new(), &[], &[], Encoding::Binary).unwrap_err();
+        assert_eq!(error.kind(), ErrorKind::Data);
     }
 
     #[test]

@@ -71,6 +71,12 @@ impl Trainer {
 
     /// Searches for the surface on the grid by the present field.
     pub(super) fn build_band(&mut self, resolution: usize) -> Result<(), Error> {
+        self.work.band = Some(self.band_of(resolution)?);
+        Ok(())
+    }
+
+    /// The active part of a grid by the present field.
+    pub(super) fn band_of(&self, resolution: usize) -> Result<Band, Error> {
         let grid = TetGrid::working_frame(resolution)?;
         let field = &self.field;
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
@@ -82,14 +88,13 @@ impl Trainer {
         };
         let active = active_set(&grid, &mut eval, &options, self.config.band.rings)?;
         let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
-        self.work.band = Some(Band {
+        Ok(Band {
             resolution,
             border: (0..).zip(&active.ids).filter(on_border).map(|(i, _)| i).collect(),
             outside: 1e-3 * grid.spacing(),
             topology: active.topology(),
             verts: active.positions,
-        });
-        Ok(())
+        })
     }
 
     /// Builds the band of the step that last searched for it, by the field as it was then: for a resumed run.

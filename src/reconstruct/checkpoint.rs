@@ -23,6 +23,8 @@ impl Trainer {
     ///
     /// The file is in the safetensors format: parameters and optimiser moments now and at the last good state, S, and,
     /// as metadata, options, step and a fingerprint of the cloud, under one checksum. It appears whole or not at all.
+    /// The figures of [`Reconstruction::coverage`] and the codes of [`Trainer::coded`] follow from that state and are
+    /// not in it: a resumed run has them, at the step it was saved at and at its end.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be written.
@@ -85,8 +87,8 @@ impl Trainer {
 }
 
 impl Reconstruction {
-    /// Saves the result: the field, the cloud, S and the options, in the format of
-    /// [`Trainer::save_checkpoint`].
+    /// Saves the result: the field, the cloud, S and the options, in the format of [`Trainer::save_checkpoint`]. The
+    /// figures of [`Reconstruction::coverage`] are not saved.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be written.
@@ -145,7 +147,7 @@ impl Reconstruction {
             return Err(damaged("its cloud is empty or not finite"));
         }
         read_params(store, "", field.params_mut());
-        Ok(Reconstruction { config, normalizer, cloud, field, surface })
+        Ok(Reconstruction { config, normalizer, cloud, field, surface, coverage: None })
     }
 }
 

@@ -11,6 +11,7 @@ mod band;
 mod bridges;
 #[cfg(feature = "checkpoint")]
 mod checkpoint;
+mod coded;
 mod config;
 mod first_shape;
 mod model;
@@ -25,6 +26,7 @@ mod step;
 mod store;
 mod trainer;
 
+pub use coded::Coded;
 pub use config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights};
 pub use model::Reconstruction;
 pub use phases::Phase;

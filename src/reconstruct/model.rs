@@ -1,6 +1,7 @@
 //! The result: a field and what comes with it, in the input's frame.
 
 use super::Config;
+use crate::bsp::Coverage;
 use crate::error::{Error, ErrorKind};
 use crate::gdo::Field;
 use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleMesh, extract};
@@ -17,6 +18,7 @@ pub struct Reconstruction {
     pub(super) field: Field,
     /// S, working frame.
     pub(super) surface: Vec<[f32; 3]>,
+    pub(super) coverage: Option<Coverage>,
 }
 
 impl Reconstruction {
@@ -53,6 +55,15 @@ impl Reconstruction {
     /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a parameterization.
     pub fn surface_points(&self) -> Vec<[f32; 3]> {
         self.normalizer.inverse(&self.surface)
+    }
+
+    /// How well S covers the points that the training worked with (without their noise, and thinned if there are many),
+    /// and its codes the sphere, in the working frame.
+    ///
+    /// `None` without a parameterization, and for a result that was loaded from a file: its field is all that there is
+    /// of the training. A checkpoint has the state that this follows from; resume it and finish.
+    pub fn coverage(&self) -> Option<&Coverage> {
+        self.coverage.as_ref()
     }
 
     /// The distinct points it was made from, n x 3, as given.

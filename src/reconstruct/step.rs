@@ -121,7 +121,7 @@ pub(super) struct Pulled {
 }
 
 /// Coordinates beyond this mean that training has left the neighbourhood of the cloud for good.
-const FAR: f32 = 1e6;
+pub(super) const FAR: f32 = 1e6;
 
 impl Trainer {
     /// One iteration of the training proper. On an error the parameters are as before it; what it worked with is not.

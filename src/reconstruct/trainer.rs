@@ -322,20 +322,15 @@ impl Trainer {
     }
 
     /// The result so far.
-    pub fn finish(mut self) -> Reconstruction {
-        if let Some(map) = &self.map {
-            // With all blocks by the same parameters; a large cloud's were computed at different steps.
-            let surface = map.surface(&self.cloud, &self.blocks);
-            if surface.as_flattened().iter().all(|x| x.is_finite()) {
-                self.surface = surface;
-            }
-        }
+    pub fn finish(self) -> Reconstruction {
+        let parameterized = rayon::scope(|_| self.parameterized());
         Reconstruction {
+            coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),
+            surface: parameterized.map_or_else(Vec::new, |p| p.surface),
             config: self.config,
             normalizer: self.normalizer,
             cloud: self.input,
             field: self.field,
-            surface: self.surface,
         }
     }
 }

@@ -48,8 +48,10 @@ Every finished run is a line of OUT/runs.jsonl at once, with its mesh in OUT/mes
 it was stopped. A run whose files or options changed is made again, and what the earlier one left stays; a changed
 program is not noticed but by a note.
 
-OUT/table.md, table.csv, shapes.csv, table.tex and a picture sheet_SETTING.png for each setting show the runs that the
-command line asks for; the table of the settings also goes to standard output.";
+OUT/table.md, table.csv, shapes.csv, surface.csv, table.tex and a picture sheet_SETTING.png for each setting show the
+runs that the command line asks for; the tables of the settings also go to standard output. The second of them is about
+the denser points S that the surface is drawn to, which OUT/surfaces has: whether they are distinct, whether their codes
+fill the sphere, and how well they cover the truth, beside the points themselves.";
 
 /// Arguments of `suite`.
 #[derive(Debug, Args)]
@@ -186,7 +188,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     let text = overview(&plan, args, open.len());
     if args.dry_run {
         let results = Results { plan: &plan, records: &records };
-        return print(format!("{text}\n\n{}", tables::settings(results, args.ablations).to_markdown()));
+        return print(format!("{text}\n\n{}", tables::screen(results, args.ablations)));
     }
     common.note(&text);
     note_builds(&plan, &records, common);
@@ -219,6 +221,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
         ("table.md", &texts.markdown),
         ("table.csv", &texts.csv),
         ("shapes.csv", &texts.shapes_csv),
+        ("surface.csv", &texts.surface_csv),
         ("table.tex", &texts.latex),
     ] {
         write_bytes(&args.out.join(name), text.as_bytes())?;
@@ -230,7 +233,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     if !args.no_sheets {
         draw_sheets(results, args)?;
     }
-    print(tables::settings(results, args.ablations).to_markdown())
+    print(tables::screen(results, args.ablations))
 }
 
 /// How much there is to do, in a line.
@@ -306,7 +309,10 @@ fn draw_sheets(results: Results<'_>, args: &SuiteArgs) -> Result<(), Failure> {
 fn sheet_titles(results: Results<'_>, setting: &Setting, seed: u64) -> [String; 2] {
     let s = results.summary(setting);
     let figure = |x: Option<f64>| x.map_or("-".to_string(), |x| format!("{x:.4}"));
-    let what = format!("{}, seed {seed}: points, result, truth; worst first. All seeds:", setting.name);
+    let what = format!(
+        "{}, seed {seed}: points, S (10 x truth to S / to points), result, truth; worst first. All seeds:",
+        setting.name
+    );
     let figures = format!(
         "10 CD_L1 {} mean {} median, NC {}, {} of {} closed, {} of {} in one part, {} failures",
         figure(s.cd_l1[0]),

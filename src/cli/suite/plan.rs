@@ -45,8 +45,17 @@ impl Job<'_> {
     /// The file of the mesh, below the directory of the results. The beginning of the fingerprint keeps apart what runs
     /// with other options, or on another cloud of that name, have left there.
     pub fn mesh_file(&self) -> String {
+        self.file("meshes")
+    }
+
+    /// The file of the denser points S, likewise.
+    pub fn surface_file(&self) -> String {
+        self.file("surfaces")
+    }
+
+    fn file(&self, directory: &str) -> String {
         let print = &self.fingerprint[..self.fingerprint.len().min(8)];
-        format!("meshes/{}/{}_s{}_{print}.ply", self.setting.file_name(), self.shape.name, self.seed)
+        format!("{directory}/{}/{}_s{}_{print}.ply", self.setting.file_name(), self.shape.name, self.seed)
     }
 }
 

@@ -1,9 +1,11 @@
 //! What is kept of a run: one line of JSON.
 
+use bijective_sdf::bsp::Coverage;
 use bijective_sdf::evaluate::Report;
 use bijective_sdf::geometry::Topology;
 use serde_json::Value;
 
+use super::super::coverage::{TruthCoverage, coverage_json};
 use super::super::json::Object;
 use super::super::report::{report_json, topology_json};
 use super::plan::{Job, Measure};
@@ -29,6 +31,10 @@ pub struct Outcome {
     pub truth: Option<Topology>,
     /// How far the one is from the other.
     pub report: Option<Report>,
+    /// How well S covers the points and its codes the sphere; S is written if there is this.
+    pub coverage: Option<Coverage>,
+    /// How the points and S lie to the truth.
+    pub truth_coverage: Option<TruthCoverage>,
 }
 
 /// On what a run was made.
@@ -47,6 +53,7 @@ pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measur
     let topology = |t: &Option<Topology>| t.as_ref().map_or("null".to_string(), topology_json);
     let optional = |text: Option<&str>| text.map_or("null".to_string(), super::super::json::quoted);
     let mesh = outcome.topology.as_ref().map(|_| job.mesh_file());
+    let surface = outcome.coverage.map(|_| job.surface_file());
     let report = outcome.report.as_ref();
     let options = job.config().entries().into_iter();
     let options = options.fold(Object::new(), |object, (key, value)| object.text(key, &value)).finish();
@@ -77,6 +84,9 @@ pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measur
         .count("resolution", measure.resolution)
         .count("samples", measure.samples)
         .raw("mesh", optional(mesh.as_deref()))
+        .raw("surface", optional(surface.as_deref()))
+        .raw("coverage", coverage_json(outcome.coverage.as_ref()))
+        .raw("truth_coverage", outcome.truth_coverage.map_or("null".to_string(), |c| c.json()))
         .raw("report", report.map_or("null".to_string(), |r| report_json(&job.shape.name, r)))
         .raw("result_topology", topology(&outcome.topology))
         .raw("truth_topology", topology(&outcome.truth))
@@ -105,6 +115,22 @@ pub struct Figures {
     pub floor: Option<f64>,
 }
 
+/// What the tables need of a coverage: of S alone and against the truth. What a line lacks is not known.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Cover {
+    pub mean_code: Option<f64>,
+    pub evenness: Option<f64>,
+    pub folded: Option<f64>,
+    pub distinct: Option<f64>,
+    pub q_to_s: Option<f64>,
+    pub s_to_q: Option<f64>,
+    pub s_to_truth: Option<f64>,
+    pub truth_to_s: Option<f64>,
+    pub truth_to_q: Option<f64>,
+    /// What as many points of the truth as S has would have in `truth_to_s`.
+    pub floor: Option<f64>,
+}
+
 /// A line, read back.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Record {
@@ -116,6 +142,9 @@ pub struct Record {
     pub build: Option<String>,
     /// The file of the mesh, below the directory of the results.
     pub mesh: Option<String>,
+    /// The file of S, likewise; lines of earlier builds have none.
+    pub surface: Option<String>,
+    pub cover: Cover,
     pub figures: Option<Figures>,
     pub result: Option<Form>,
     pub truth: Option<Form>,
@@ -145,6 +174,8 @@ impl Record {
             threads: part("threads").and_then(whole).ok_or_else(|| missing("threads"))?,
             build: text("build"),
             mesh: text("mesh"),
+            surface: text("surface"),
+            cover: cover(&json),
             figures: part("report").map(|r| figures(r).ok_or_else(|| missing("report"))).transpose()?,
             result: part("result_topology")
                 .map(|t| form(t).ok_or_else(|| missing("result_topology")))
@@ -169,6 +200,25 @@ fn form(json: &Value) -> Option<Form> {
     })
 }
 
+/// Lines of earlier builds have none of this.
+fn cover(json: &Value) -> Cover {
+    let number = |part: &str, key: &str| json.get(part)?.get(key)?.as_f64();
+    let own = |key: &str| number("coverage", key);
+    let truth = |key: &str| number("truth_coverage", key);
+    Cover {
+        mean_code: own("mean_code"),
+        evenness: own("evenness"),
+        folded: own("folded"),
+        distinct: own("distinct_share"),
+        q_to_s: own("q_to_s"),
+        s_to_q: own("s_to_q"),
+        s_to_truth: truth("s_to_truth"),
+        truth_to_s: truth("truth_to_s"),
+        truth_to_q: truth("truth_to_q"),
+        floor: truth("floor"),
+    }
+}
+
 fn figures(report: &Value) -> Option<Figures> {
     let metrics = report.get("metrics")?;
     let number = |key: &str| metrics.get(key)?.as_f64();
@@ -188,8 +238,18 @@ pub mod tests {
     use super::super::plan::tests::{MEASURE, setting};
     use super::*;
     use crate::cli::suite::inputs::Shape;
-    use bijective_sdf::evaluate::{GroundTruth, Options, evaluate};
+    use bijective_sdf::bsp::CodeCoverage;
+    use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
     use bijective_sdf::geometry::TriangleMesh;
+
+    const COVERAGE: Coverage = Coverage {
+        points: 3,
+        surface: 8,
+        distinct: 6,
+        q_to_s: 0.125,
+        s_to_q: 0.25,
+        codes: Some(CodeCoverage { mean_code: 0.5, sphere: 8, used: 2, near_pairs: 10, folded_pairs: 1 }),
+    };
 
     fn tetrahedron() -> TriangleMesh {
         TriangleMesh {
@@ -207,12 +267,16 @@ pub mod tests {
         let mesh = tetrahedron();
         let options = Options { samples: 200, ..Options::shape() };
         let report = evaluate(GroundTruth::Mesh(&mesh), &mesh, &options).unwrap();
+        let sets: [&[[f32; 3]]; 2] = [&mesh.verts, &mesh.verts[..2]];
+        let points = evaluate_points(GroundTruth::Mesh(&mesh), &sets, &options).unwrap();
         let outcome = Outcome {
             points: 300,
             seconds: 1.25,
             topology: Some(mesh.topology()),
             truth: Some(mesh.topology()),
             report: Some(report.clone()),
+            coverage: Some(COVERAGE),
+            truth_coverage: TruthCoverage::of(&points),
             ..Outcome::default()
         };
         let machine = Machine { threads: 2, jobs: 1, build: Some("1234".into()) };
@@ -244,11 +308,32 @@ pub mod tests {
             threads: 2,
             build: Some("1234".into()),
             mesh: Some(format!("meshes/multiple-3/a \"b\"_s{}_f00.ply", u64::MAX)),
+            surface: Some(format!("surfaces/multiple-3/a \"b\"_s{}_f00.ply", u64::MAX)),
+            cover: Cover {
+                mean_code: Some(0.5),
+                evenness: Some(0.25),
+                folded: Some(0.1),
+                distinct: Some(0.75),
+                q_to_s: Some(0.125),
+                s_to_q: Some(0.25),
+                s_to_truth: Some(points[1].to_gt),
+                truth_to_s: Some(points[1].from_gt),
+                truth_to_q: Some(points[0].from_gt),
+                floor: points[1].floor,
+            },
             figures: Some(figures),
             result: Some(form),
             truth: Some(form),
         };
         assert_eq!(read, want);
+        assert!(want.cover.floor.is_some() && json["coverage"]["distinct"] == 6);
+        // What a build without these figures wrote is read as before.
+        let mut old = json.clone();
+        for key in ["surface", "coverage", "truth_coverage"] {
+            old.as_object_mut().unwrap().remove(key).unwrap();
+        }
+        let without = Record { surface: None, cover: Cover::default(), ..want.clone() };
+        assert_eq!(Record::read(&old.to_string()).unwrap(), without);
 
         let failed = Outcome { failure: Some("no\nsurface".into()), ..Outcome::default() };
         let read = Record::read(&line(&job, &failed, &machine, MEASURE)).unwrap();
@@ -256,6 +341,8 @@ pub mod tests {
             failure: failed.failure,
             seconds: 0.0,
             mesh: None,
+            surface: None,
+            cover: Cover::default(),
             figures: None,
             result: None,
             truth: None,

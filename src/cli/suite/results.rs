@@ -5,7 +5,7 @@ use std::collections::HashMap;
 use bijective_sdf::evaluate::percentile;
 
 use super::plan::{Job, Plan};
-use super::record::{Figures, Record};
+use super::record::{Cover, Figures, Record};
 use super::setting::Setting;
 
 /// A 10 x CD_L1 above this is a failure.
@@ -149,6 +149,8 @@ pub struct Summary {
     pub failures: usize,
     /// Wall time of a run: mean and most.
     pub seconds: [Option<f64>; 2],
+    /// Means of what is known of S.
+    pub cover: Cover,
 }
 
 impl Summary {
@@ -160,6 +162,7 @@ impl Summary {
             yes: all.iter().filter(|r| yes(r)).count(),
             all: all.len(),
         };
+        let covered = |of: fn(&Cover) -> Option<f64>| mean(records.iter().filter_map(|r| of(&r.cover)));
         let one: Vec<&Record> =
             records.iter().copied().filter(|r| r.truth.is_some_and(|t| t.components == 1)).collect();
         Summary {
@@ -182,6 +185,18 @@ impl Summary {
                 mean(records.iter().map(|r| r.seconds)),
                 records.iter().map(|r| r.seconds).max_by(f64::total_cmp),
             ],
+            cover: Cover {
+                mean_code: covered(|c| c.mean_code),
+                evenness: covered(|c| c.evenness),
+                folded: covered(|c| c.folded),
+                distinct: covered(|c| c.distinct),
+                q_to_s: covered(|c| c.q_to_s),
+                s_to_q: covered(|c| c.s_to_q),
+                s_to_truth: covered(|c| c.s_to_truth),
+                truth_to_s: covered(|c| c.truth_to_s),
+                truth_to_q: covered(|c| c.truth_to_q),
+                floor: covered(|c| c.floor),
+            },
         }
     }
 }
@@ -206,6 +221,8 @@ pub mod tests {
             threads: 1,
             build: None,
             mesh: None,
+            surface: None,
+            cover: Cover::default(),
             figures: Some(Figures {
                 cd_l1,
                 cd_l2: 0.0002,

@@ -1,9 +1,9 @@
-//! All results of a setting in one picture: input, result and truth of each shape side by side, the worst first.
+//! All results of a setting in one picture: input, S, result and truth of each shape side by side, the worst first.
 
 use std::path::Path;
 
 use bijective_sdf::geometry::TriangleMesh;
-use bijective_sdf::io::read_mesh;
+use bijective_sdf::io::{read_cloud, read_mesh};
 use rayon::prelude::*;
 
 use super::super::failure::Failure;
@@ -14,12 +14,14 @@ use super::record::Record;
 use super::work::{Truth, points_of};
 
 /// Width of the picture, about.
-const WIDTH: usize = 2000;
+const WIDTH: usize = 2640;
 /// Width over height that the picture comes near to.
 const ASPECT: f64 = 1.2;
 /// Columns beyond which labels would not fit.
 const MOST_COLUMNS: usize = 4;
-/// Most pixels a side of one of the three.
+/// Pictures of a shape.
+const PANELS: usize = 4;
+/// Most pixels a side of one of them.
 const LARGEST: usize = 360;
 /// Pixels between shapes.
 const GAP: usize = 8;
@@ -52,7 +54,7 @@ pub struct Entry<'a> {
 struct Layout {
     columns: usize,
     rows: usize,
-    /// Pixels a side of one of the three pictures of a shape.
+    /// Pixels a side of one of the pictures of a shape.
     panel: usize,
 }
 
@@ -61,7 +63,7 @@ impl Layout {
     fn of(shapes: usize) -> Layout {
         let shapes = shapes.max(1);
         let layout = |columns: usize| {
-            let panel = (((WIDTH - GAP) / columns - GAP) / 3).min(LARGEST);
+            let panel = (((WIDTH - GAP) / columns - GAP) / PANELS).min(LARGEST);
             Layout { columns, rows: shapes.div_ceil(columns), panel }
         };
         let off = |l: &Layout| {
@@ -74,7 +76,7 @@ impl Layout {
 
     /// Width and height of a shape with its label.
     fn cell(&self) -> [usize; 2] {
-        [3 * self.panel, self.panel + LABEL]
+        [PANELS * self.panel, self.panel + LABEL]
     }
 
     /// Width and height of the whole.
@@ -113,7 +115,7 @@ pub fn draw(titles: &[String; 2], entries: &[Entry<'_>], view: &View, out: &Path
     image
 }
 
-/// Three pictures and two lines of text.
+/// Four pictures and two lines of text.
 fn cell(entry: &Entry<'_>, layout: Layout, view: &View, out: &Path) -> Image {
     let [width, height] = layout.cell();
     let bad = entry.record.is_bad();
@@ -136,7 +138,7 @@ fn cell(entry: &Entry<'_>, layout: Layout, view: &View, out: &Path) -> Image {
             image.text(&shortened(&text, width), [GAP, layout.panel / 2], DOT, RED);
         }
     }
-    for i in 1..3 {
+    for i in 1..PANELS {
         image.fill([i * layout.panel, 0], [1, layout.panel], LINE_GREY);
     }
     let [first, second] = label(entry);
@@ -160,7 +162,12 @@ fn shortened(text: &str, width: usize) -> String {
 fn label(entry: &Entry<'_>) -> [String; 2] {
     let record = entry.record;
     let first = match record.cd() {
-        Some(cd) => format!("{}  {cd:.4}", entry.job.shape.name),
+        Some(cd) => {
+            let c = &record.cover;
+            let covered = c.truth_to_s.zip(c.truth_to_q);
+            let s = covered.map_or(String::new(), |(s, q)| format!("  S {:.3}/{:.3}", 10.0 * s, 10.0 * q));
+            format!("{}  {cd:.4}{s}", entry.job.shape.name)
+        }
         None => entry.job.shape.name.clone(),
     };
     if let Some(text) = &record.failure {
@@ -184,12 +191,21 @@ fn label(entry: &Entry<'_>) -> [String; 2] {
     [first, parts.join(" ")]
 }
 
-/// Input, result and truth, each if there is one, from the same place.
-fn panels(entry: &Entry<'_>, panel: usize, view: &View, out: &Path) -> Result<[Option<Image>; 3], Failure> {
+/// Input, S, result and truth, each if there is one, from the same place.
+fn panels(
+    entry: &Entry<'_>,
+    panel: usize,
+    view: &View,
+    out: &Path,
+) -> Result<[Option<Image>; PANELS], Failure> {
     let truth = entry.job.shape.truth.as_ref().map(|t| Truth::read(&t.1)).transpose()?;
     let points = points_of(entry.job, truth.as_ref())?;
     let result: Option<TriangleMesh> = match &entry.record.mesh {
         Some(file) => Some(read_mesh(out.join(file)).map_err(Failure::Input)?),
+        None => None,
+    };
+    let surface = match &entry.record.surface {
+        Some(file) => Some(read_cloud(out.join(file)).map_err(Failure::Input)?.points),
         None => None,
     };
     let mut extent = points.clone();
@@ -202,6 +218,7 @@ fn panels(entry: &Entry<'_>, panel: usize, view: &View, out: &Path) -> Result<[O
     let scene = Scene::around(&extent, view, panel)?;
     Ok([
         Some(scene.points(&points)),
+        surface.map(|surface| scene.points(&surface)),
         result.map(|mesh| scene.mesh(&mesh)),
         truth.map(|t| match &t.content {
             Content::Mesh(mesh) => scene.mesh(mesh),
@@ -232,7 +249,7 @@ mod tests {
         }
         let l = Layout::of(30);
         let [width, height] = l.size();
-        assert!(width > 1900 && (1500..1800).contains(&height), "{l:?} {width} {height}");
+        assert!(width > 2500 && (1650..1900).contains(&height), "{l:?} {width} {height}");
     }
 
     #[test]
@@ -244,6 +261,9 @@ mod tests {
         let open = Form { components: 2, genus: None, closed: false, ..WHOLE };
         let text = of(&record(0.01234, open, WHOLE));
         assert_eq!(text, ["a_300  0.1234", "NC 0.900 HD 0.050 parts 2/1 genus ?/0 OPEN"]);
+        let mut covered = record(0.01234, open, WHOLE);
+        (covered.cover.truth_to_s, covered.cover.truth_to_q) = (Some(0.0331), Some(0.0370));
+        assert_eq!(of(&covered)[0], "a_300  0.1234  S 0.331/0.370");
         let mut lone = record(0.0, WHOLE, WHOLE);
         (lone.figures, lone.truth) = (None, None);
         assert_eq!(of(&lone), ["a_300", "parts 1 genus 0"]);

@@ -2,6 +2,7 @@
 
 use bijective_sdf::evaluate::{Cell, Table, TextTable};
 
+use super::record::Cover;
 use super::results::{Against, Results, Share, Summary};
 use super::setting::Setting;
 
@@ -13,6 +14,8 @@ pub struct Texts {
     pub csv: String,
     /// The shapes, in full precision.
     pub shapes_csv: String,
+    /// What is known of S, in full precision.
+    pub surface_csv: String,
     /// Both tables, of the settings the columns that fit on a page.
     pub latex: String,
 }
@@ -41,19 +44,57 @@ const PRINTED: [&str; 17] = [
 /// Writes up the results; `title` is one line about what all runs share. With `paper` the figures of the paper's
 /// ablation tables stand beside ours.
 pub fn write(results: Results<'_>, title: &str, paper: bool) -> Texts {
-    let settings = settings(results, paper);
     let shapes = shapes(results);
-    let mut markdown = format!("{title}\n\n{}\n{}", settings.to_markdown(), notes(paper));
+    let mut markdown = format!("{title}\n\n{}\n{}", screen(results, paper), notes(paper));
+    let settings = settings(results, paper);
     markdown += &format!("\n10 CD_L1 by shape, mean over the seeds:\n\n{}", shapes.to_markdown());
     markdown += &faults(results);
     let comment = title.replace('\n', " ");
     let latex =
         format!("% {comment}\n{}\n{}", settings.select(&PRINTED).to_latex(), by_shape(&shapes).to_latex());
-    Texts { markdown, csv: settings.to_csv(), shapes_csv: shapes.to_csv(), latex }
+    Texts {
+        markdown,
+        csv: settings.to_csv(),
+        shapes_csv: shapes.to_csv(),
+        surface_csv: surface(results).to_csv(),
+        latex,
+    }
 }
 
-/// The table of the settings alone, for the screen.
-pub fn settings(results: Results<'_>, paper: bool) -> TextTable {
+/// The tables of the settings alone, for the screen: of the results and, if anything is known of it, of S.
+pub fn screen(results: Results<'_>, paper: bool) -> String {
+    let settings = settings(results, paper).to_markdown();
+    let known = results.plan.settings.iter().any(|s| results.summary(s).cover != Cover::default());
+    if known { format!("{settings}\n{}", surface(results).to_markdown()) } else { settings }
+}
+
+/// What is known of S, setting by setting.
+fn surface(results: Results<'_>) -> TextTable {
+    let head = [
+        "setting",
+        "mean code",
+        "even",
+        "folded",
+        "distinct",
+        "10 Q to S",
+        "10 S to Q",
+        "10 S to truth",
+        "10 truth to S",
+        "10 truth to Q",
+        "10 floor",
+    ];
+    let mut table = TextTable::new(head.map(Cell::text));
+    for setting in results.plan.settings {
+        let c = results.summary(setting).cover;
+        let tenfold = [c.q_to_s, c.s_to_q, c.s_to_truth, c.truth_to_s, c.truth_to_q, c.floor]
+            .map(|x| Cell::figure(x.map(|x| 10.0 * x), 4));
+        let shares = [c.mean_code, c.evenness, c.folded, c.distinct].map(|x| Cell::figure(x, 3));
+        table.push([Cell::text(setting.name.as_str())].into_iter().chain(shares).chain(tenfold));
+    }
+    table
+}
+
+fn settings(results: Results<'_>, paper: bool) -> TextTable {
     let figures = ["10 CD_L1", "5 %", "50 %", "95 %", "100 CD_L2", "NC", "HD", "F", "floor"];
     let counts = ["closed", "one part", "failures", "runs", "s", "s most"];
     // A lone setting has nothing to be held against.
@@ -139,7 +180,12 @@ fn notes(paper: bool) -> String {
          itself would get; ratio is the geometric mean, over shapes and seeds, of CD_L1 over that of the first \
          setting, better counts where it is less. closed: closed and oriented, of all runs; one part: of those whose \
          truth is in one part; \
-         failures: errors, and 10 CD_L1 above 0.3. Seconds are wall time of training and meshing.\n",
+         failures: errors, and 10 CD_L1 above 0.3. Seconds are wall time of training and meshing.\n\n\
+         Of S, means over the runs: mean code, the length of the points' mean code on the sphere (1: all in one spot); \
+         even, the share of the sphere's codes that are in some patch; folded, the share of the pairs of points in one \
+         place whose codes are far apart; distinct, the share of its points; distances between S and the points Q with \
+         the longest side of Q 1, to and from the truth with that of the truth 1; floor is what as many points of the \
+         truth as S has would get in truth to S.\n",
     );
     if paper {
         text += "The paper's figures are for the lamp class of ShapeNet and not for these shapes: only the trend from \
@@ -251,6 +297,20 @@ mod tests {
                 && latex.contains("95 \\% & ratio & better & 100 CD\\_L2 &")
         );
         assert!(latex.contains("a\\_1 & 0.110 & - & 0.110 & - \\\\"), "{latex}");
+        assert!(!texts.markdown.contains("| mean code |"));
+
+        // What is known of S stands in a table of its own.
+        let job = &plan.jobs[0];
+        let known = Cover { distinct: Some(0.5), truth_to_s: Some(0.033), ..Cover::default() };
+        records.get_mut(&job.fingerprint).unwrap().cover = known;
+        let covered = write(Results { plan: &plan, records: &records }, "x", false);
+        assert!(covered.markdown.contains("| mean code |"), "{}", covered.markdown);
+        assert!(covered.markdown.contains(&screen(Results { plan: &plan, records: &records }, false)));
+        let rows: Vec<Vec<&str>> = covered.surface_csv.lines().map(|l| l.split(',').collect()).collect();
+        let column = |name: &str| rows[0].iter().position(|h| *h == name).unwrap();
+        assert_eq!((rows.len(), rows[1][0], rows[1][column("distinct")]), (5, "default", "0.5"));
+        near(rows[1][column("10 truth to S")], 0.33);
+        assert_eq!((rows[1][column("even")], rows[2][column("distinct")]), ("", ""));
         let without = write(Results { plan: &plan, records: &records }, "x", false);
         assert!(!without.csv.contains("paper") && !without.markdown.contains("paper"));
         std::fs::remove_dir_all(dir).unwrap();

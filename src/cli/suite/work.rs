@@ -4,18 +4,19 @@ use std::any::Any;
 use std::collections::HashMap;
 use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, OnceLock};
 use std::thread;
 use std::time::Instant;
 
-use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, Report, evaluate};
+use bijective_sdf::evaluate::{Metrics, Options, Report, evaluate, evaluate_points};
 use bijective_sdf::geometry::{Bounds, Topology, sample_surface};
-use bijective_sdf::io::write_mesh;
+use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::{Reconstruction, Trainer};
 use bijective_sdf::{Error, ErrorKind};
 
+use super::super::coverage::TruthCoverage;
 use super::super::failure::Failure;
 use super::super::files::{Content, Input, say};
 use super::super::interrupt::Interrupt;
@@ -49,20 +50,11 @@ impl Truth {
         Ok(Truth { content, topology })
     }
 
-    fn ground_truth(&self) -> GroundTruth<'_> {
-        match &self.content {
-            Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
-            Content::Cloud(cloud) => {
-                GroundTruth::Cloud { points: &cloud.points, normals: cloud.normals.as_deref() }
-            }
-        }
-    }
-
     /// What a perfect prediction would score; nothing for a cloud.
     fn floor(&self, options: &Options) -> Result<Option<Metrics>, Error> {
         match &self.content {
             Content::Mesh(mesh) => {
-                Ok(evaluate(self.ground_truth(), mesh, &Options { floor: true, ..*options })?.floor)
+                Ok(evaluate(self.content.ground_truth(), mesh, &Options { floor: true, ..*options })?.floor)
             }
             Content::Cloud(_) => Ok(None),
         }
@@ -199,24 +191,41 @@ impl Workshop<'_> {
         outcome.points = points.len();
         let began = Instant::now();
         let trained = self.train(job, &points, outcome);
-        let mesh = trained.and_then(|field| Ok(field.mesh(self.measure.resolution)?));
+        let trained = trained.and_then(|field| Ok((field.mesh(self.measure.resolution)?, field)));
         outcome.seconds = began.elapsed().as_secs_f64();
-        let mesh = mesh?;
+        let (mesh, field) = trained?;
+        let surface = field.surface_points();
 
-        let path = self.out.join(job.mesh_file());
+        let lost = |e| Stop::Fatal(Failure::Output(e));
+        write_mesh(self.place(&job.mesh_file())?, &mesh).map_err(lost)?;
+        outcome.topology = Some(mesh.topology());
+        if let Some(coverage) = field.coverage() {
+            write_cloud(self.place(&job.surface_file())?, &surface).map_err(lost)?;
+            outcome.coverage = Some(*coverage);
+        }
+        if let Some((truth, floor)) = truth {
+            let report = evaluate(truth.content.ground_truth(), &mesh, &options)?;
+            outcome.report = Some(Report { floor: *floor, ..report });
+            let sets = [field.cloud(), &surface];
+            let sets = if surface.is_empty() { &sets[..1] } else { &sets };
+            // With the floor, which is another for every number of points.
+            let reports =
+                evaluate_points(truth.content.ground_truth(), sets, &Options { floor: true, ..options })?;
+            outcome.truth_coverage = TruthCoverage::of(&reports);
+        }
+        Ok(())
+    }
+
+    /// The place of a file below the directory of the results, whose own directory is made.
+    fn place(&self, file: &str) -> Result<PathBuf, Stop> {
+        let path = self.out.join(file);
         if let Some(parent) = path.parent() {
             fs::create_dir_all(parent).map_err(|e| {
                 let error = Error::new(ErrorKind::Io, "cannot make the directory").in_file(parent);
                 Stop::Fatal(Failure::Output(error.caused_by(e)))
             })?;
         }
-        write_mesh(&path, &mesh).map_err(|e| Stop::Fatal(Failure::Output(e)))?;
-        outcome.topology = Some(mesh.topology());
-        if let Some((truth, floor)) = truth {
-            let report = evaluate(truth.ground_truth(), &mesh, &options)?;
-            outcome.report = Some(Report { floor: *floor, ..report });
-        }
-        Ok(())
+        Ok(path)
     }
 
     fn train(

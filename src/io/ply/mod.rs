@@ -45,16 +45,42 @@ pub(super) fn write(
     faces: Option<&[[u32; 3]]>,
     encoding: Encoding,
 ) -> io::Result<()> {
+    write_with(out, verts, None, faces, encoding)
+}
+
+/// Writes a cloud with a colour a point (red, green, blue).
+pub(super) fn write_coloured(
+    out: &mut dyn Write,
+    verts: &[[f32; 3]],
+    colours: &[[u8; 3]],
+    encoding: Encoding,
+) -> io::Result<()> {
+    write_with(out, verts, Some(colours), None, encoding)
+}
+
+fn write_with(
+    out: &mut dyn Write,
+    verts: &[[f32; 3]],
+    colours: Option<&[[u8; 3]]>,
+    faces: Option<&[[u32; 3]]>,
+    encoding: Encoding,
+) -> io::Result<()> {
     write!(out, "ply\nformat {encoding} 1.0\nelement vertex {}\n", verts.len())?;
     out.write_all(b"property float x\nproperty float y\nproperty float z\n")?;
+    if colours.is_some() {
+        out.write_all(b"property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
+    }
     if let Some(faces) = faces {
         write!(out, "element face {}\nproperty list uchar int vertex_indices\n", faces.len())?;
     }
     out.write_all(b"end_header\n")?;
     let faces = faces.unwrap_or_default();
     if encoding == Encoding::Ascii {
-        for &p in verts {
+        for (i, &p) in verts.iter().enumerate() {
             write_floats(out, p, " ")?;
+            if let Some([r, g, b]) = colours.map(|c| c[i]) {
+                write!(out, " {r} {g} {b}")?;
+            }
             out.write_all(b"\n")?;
         }
         for [a, b, c] in faces {
@@ -63,9 +89,12 @@ pub(super) fn write(
         return Ok(());
     }
     let little = encoding == Encoding::BinaryLittleEndian;
-    for p in verts {
+    for (i, p) in verts.iter().enumerate() {
         let row = p.map(|x| if little { x.to_le_bytes() } else { x.to_be_bytes() });
         out.write_all(row.as_flattened())?;
+        if let Some(colours) = colours {
+            out.write_all(&colours[i])?;
+        }
     }
     for face in faces {
         let mut row = [3; 13];

@@ -1,0 +1,98 @@
+//! How well S covers the points, the sphere and the truth, as text and JSON.
+
+use bijective_sdf::bsp::{CodeCoverage, Coverage};
+use bijective_sdf::evaluate::PointsReport;
+
+use super::json::Object;
+
+/// A coverage as a JSON object; `null` for none.
+pub fn coverage_json(coverage: Option<&Coverage>) -> String {
+    let Some(c) = coverage else { return "null".to_string() };
+    let count = |n: Option<usize>| n.map_or("null".to_string(), |n| n.to_string());
+    Object::new()
+        .count("points", c.points)
+        .count("surface_points", c.surface)
+        .count("distinct", c.distinct)
+        .number("distinct_share", c.distinct_share())
+        .number("q_to_s", c.q_to_s)
+        .number("s_to_q", c.s_to_q)
+        .number("mean_code", c.codes.map(|codes| codes.mean_code))
+        .raw("sphere_codes", count(c.codes.map(|codes| codes.sphere)))
+        .raw("used_codes", count(c.codes.map(|codes| codes.used)))
+        .number("evenness", c.codes.as_ref().map(CodeCoverage::evenness))
+        .raw("near_pairs", count(c.codes.map(|codes| codes.near_pairs)))
+        .number("folded", c.codes.as_ref().and_then(CodeCoverage::folded))
+        .finish()
+}
+
+/// A coverage in a line or two.
+pub fn coverage_text(c: &Coverage) -> Vec<String> {
+    let mut lines = vec![format!(
+        "S: {} of {} points distinct ({:.1} %), Q to S {:.5}, S to Q {:.5} of the longest side",
+        c.distinct,
+        c.surface,
+        100.0 * c.distinct_share(),
+        c.q_to_s,
+        c.s_to_q
+    )];
+    if let Some(codes) = &c.codes {
+        let folded = codes.folded().map_or("-".to_string(), |x| format!("{:.1} %", 100.0 * x));
+        lines.push(format!(
+            "codes: mean {:.3} long, {} of the sphere's {} in patches ({:.1} %), {folded} of the pairs of S in one place \
+             are of far codes",
+            codes.mean_code,
+            codes.used,
+            codes.sphere,
+            100.0 * codes.evenness()
+        ));
+    }
+    lines
+}
+
+/// How a cloud Q and its S, if there is one, lie to a truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct TruthCoverage {
+    pub q: PointsReport,
+    pub s: Option<PointsReport>,
+}
+
+impl TruthCoverage {
+    /// From the reports on Q and, if there is an S, on S.
+    pub fn of(reports: &[PointsReport]) -> Option<TruthCoverage> {
+        Some(TruthCoverage { q: *reports.first()?, s: reports.get(1).copied() })
+    }
+
+    /// As a JSON object.
+    pub fn json(&self) -> String {
+        let s = self.s.as_ref();
+        Object::new()
+            .number("q_to_truth", self.q.to_gt)
+            .number("truth_to_q", self.q.from_gt)
+            .number("s_to_truth", s.map(|s| s.to_gt))
+            .number("truth_to_s", s.map(|s| s.from_gt))
+            .number("floor", s.and_then(|s| s.floor))
+            .number("scale", self.q.scale)
+            .count("gt_samples", self.q.gt_samples)
+            .finish()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_is_not_there_is_null() {
+        let c = Coverage { points: 3, surface: 6, distinct: 3, q_to_s: 0.25, s_to_q: 0.5, codes: None };
+        assert_eq!(
+            coverage_json(Some(&c)),
+            "{\"points\":3,\"surface_points\":6,\"distinct\":3,\"distinct_share\":0.5,\"q_to_s\":0.25,\"s_to_q\":0.5,\
+             \"mean_code\":null,\"sphere_codes\":null,\"used_codes\":null,\"evenness\":null,\"near_pairs\":null,\
+             \"folded\":null}"
+        );
+        assert_eq!((coverage_json(None), coverage_text(&c).len()), ("null".to_string(), 1));
+        let codes = CodeCoverage { mean_code: 0.5, sphere: 8, used: 6, near_pairs: 0, folded_pairs: 0 };
+        let lines = coverage_text(&Coverage { codes: Some(codes), ..c });
+        assert!(lines[0].contains("3 of 6 points distinct (50.0 %)") && lines[1].contains("(75.0 %), - of"));
+    }
+}

@@ -1,0 +1,72 @@
+//! `evaluate --points`: how near points are to ground truths, and how well they cover them.
+
+use std::path::PathBuf;
+
+use bijective_sdf::evaluate::{Cell, Options, PointsReport, TextTable, evaluate_points};
+
+use super::failure::Failure;
+use super::files::{Input, name, print, say};
+use super::json::Object;
+
+/// How to print.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Style {
+    Text,
+    Json,
+    Csv,
+    Markdown,
+    Latex,
+}
+
+/// Compares pairs of a ground truth and points.
+pub fn run(pairs: &[PathBuf], options: &Options, style: Style) -> Result<(), Failure> {
+    let mut compared: Vec<(String, Result<PointsReport, Failure>)> =
+        pairs.chunks_exact(2).map(|files| (name(&files[1]), compare(files, options))).collect();
+    if style == Style::Json {
+        let line = |(name, outcome): &(String, Result<PointsReport, Failure>)| {
+            let json = Object::new().text("name", name);
+            let json = match outcome {
+                Ok(r) => json
+                    .count("points", r.points)
+                    .count("distinct", r.distinct)
+                    .number("to_truth", r.to_gt)
+                    .number("truth_to_it", r.from_gt)
+                    .number("floor", r.floor)
+                    .number("scale", r.scale)
+                    .count("gt_samples", r.gt_samples),
+                Err(failure) => json.text("error", &failure.line().unwrap_or_default()),
+            };
+            json.finish() + "\n"
+        };
+        print(compared.iter().map(line).collect::<String>())?;
+    } else {
+        let head = ["name", "points", "distinct", "10 to truth", "10 truth to it", "10 floor"];
+        // No table of many shapes, whose mean and median would be of clouds and surfaces together.
+        let mut table = TextTable::new(head.map(Cell::text));
+        for (name, outcome) in &compared {
+            let report = outcome.as_ref().ok();
+            let counts = [report.map(|r| r.points), report.map(|r| r.distinct)];
+            let counts = counts.map(|n| Cell::figure(n.map(|n| n as f64), 0));
+            let lengths = [report.map(|r| r.to_gt), report.map(|r| r.from_gt), report.and_then(|r| r.floor)];
+            let lengths = lengths.map(|x| Cell::figure(x.map(|x| 10.0 * x), 4));
+            table.push([Cell::text(name.as_str())].into_iter().chain(counts).chain(lengths));
+        }
+        print(match style {
+            Style::Csv => table.to_csv(),
+            Style::Markdown => table.to_markdown(),
+            Style::Latex => table.to_latex(),
+            Style::Text | Style::Json => table.to_text(),
+        })?;
+    }
+    // The last of several failures is the program's own to say, as it says any.
+    let mut failed: Vec<Failure> = compared.drain(..).filter_map(|(_, outcome)| outcome.err()).collect();
+    let Some(last) = failed.pop() else { return Ok(()) };
+    failed.iter().filter_map(Failure::line).for_each(|line| say(&line));
+    Err(last)
+}
+
+fn compare(files: &[PathBuf], options: &Options) -> Result<PointsReport, Failure> {
+    let truth = Input::read(&files[0], None)?.content()?;
+    let points = Input::read(&files[1], None)?.cloud()?.points;
+    Ok(evaluate_points(truth.ground_truth(), &[&points], options)?[0])
+}

@@ -1,0 +1,173 @@
+//! What the paper's figures are drawn from: points, S and grid vertices with their codes.
+
+use super::Trainer;
+use super::step::{FAR, diverged};
+use crate::autodiff::Tape;
+use crate::bsp::Parameterized;
+use crate::error::Error;
+use crate::gdo::{FieldPass, FieldVars, deform};
+use crate::geometry::nearest_points;
+use crate::tensor::Tensor;
+
+/// Points of space with codes on the unit sphere, to be drawn in the colours of the codes
+/// ([`code_colour`](crate::bsp::code_colour)). Places are in the frame and unit of the input.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Coded {
+    /// The points Q that the training works with, n x 3: without their noise, and thinned if there are many.
+    pub points: Vec<[f32; 3]>,
+    /// U(Q), their codes, n x 3.
+    pub codes: Vec<[f32; 3]>,
+    /// S, i x 3.
+    pub surface: Vec<[f32; 3]>,
+    /// P, the codes of the patches, which S is made of, i x 3.
+    pub patches: Vec<[f32; 3]>,
+    /// V, the vertices of the training's grid around the surface, v x 3: the corners of all tetrahedra that it crosses.
+    pub verts: Vec<[f32; 3]>,
+    /// V', the same vertices moved along the field ([`Deformation`](crate::gdo::Deformation)), v x 3.
+    pub moved: Vec<[f32; 3]>,
+    /// The code of the point of S nearest to each vertex of V', v x 3.
+    pub vert_codes: Vec<[f32; 3]>,
+}
+
+impl Trainer {
+    /// S and its codes by the present parameters, all in the working frame; `None` without a parameterization. If S is
+    /// not finite, it is as last computed, without codes.
+    pub(super) fn parameterized(&self) -> Option<Parameterized> {
+        let map = self.map.as_ref()?;
+        // With all blocks by the same parameters; a large cloud's were computed at different steps.
+        let all = map.parameterize(&self.cloud, &self.blocks);
+        // Written so that NaN is refused.
+        let near = |points: &[[f32; 3]]| points.as_flattened().iter().all(|x| x.abs() < FAR);
+        if near(&all.surface) && all.codes.as_ref().is_none_or(|codes| near(&codes.points)) {
+            return Some(all);
+        }
+        Some(Parameterized { surface: self.surface.clone(), codes: None, ..all })
+    }
+
+    /// Points, S and the vertices of the grid with their codes, by the present parameters; `None` if there are no
+    /// codes, which only [`Parameterization::Bsp`](crate::bsp::Parameterization::Bsp) has.
+    ///
+    /// # Errors
+    /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if the field has no zero level on the grid,
+    /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if it is not finite.
+    pub fn coded(&self) -> Result<Option<Coded>, Error> {
+        rayon::scope(|_| {
+            let Some(Parameterized { points, surface, codes: Some(codes) }) = self.parameterized() else {
+                return Ok(None);
+            };
+            let [verts, moved] = self.moved_verts()?;
+            let (nearest, _) = nearest_points(&moved, &surface);
+            Ok(Some(Coded {
+                vert_codes: nearest.iter().map(|&i| codes.patches[i as usize]).collect(),
+                points: self.normalizer.inverse(&points),
+                codes: codes.points,
+                surface: self.normalizer.inverse(&surface),
+                patches: codes.patches,
+                verts: self.normalizer.inverse(&verts),
+                moved: self.normalizer.inverse(&moved),
+            }))
+        })
+    }
+
+    /// V and V' on the grid of the present stage (v x 3 each, working frame).
+    fn moved_verts(&self) -> Result<[Vec<[f32; 3]>; 2], Error> {
+        let verts = self.band_of(self.resolution_at(self.train_step()))?.verts;
+        let mut tape = Tape::new();
+        let values = FieldPass::new().forward(&self.field, &verts, tape.pool());
+        let field = FieldVars {
+            sdf: tape.constant(values.sdf),
+            gradient: tape.constant(values.gradient),
+            offset: values.offset.map(|offset| tape.constant(offset)),
+        };
+        let at = tape.constant(Tensor::from_points(&verts));
+        let moved = deform(&mut tape, self.config.deformation, at, &field);
+        let moved = tape.value(moved).to_points();
+        if moved.as_flattened().iter().all(|x| x.abs() < FAR) {
+            return Ok([verts, moved]);
+        }
+        Err(diverged("the moved vertices of the grid are not finite or far away"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{at_training, ball, bits, run, tiny};
+    use crate::bsp::Parameterization;
+    use crate::gdo::Deformation;
+    use crate::reconstruct::{Config, Trainer};
+
+    fn distance(p: &[f32; 3]) -> f32 {
+        let d = [p[0] - 10.0, p[1] + 4.0, p[2]];
+        d.iter().map(|x| x * x).sum::<f32>().sqrt()
+    }
+
+    #[test]
+    fn everything_has_its_code_and_vertices_move_to_the_surface() {
+        let mut trainer = Trainer::new(&ball(60), &tiny()).unwrap();
+        while !trainer.is_done() {
+            trainer.step().unwrap();
+        }
+        let coded = trainer.coded().unwrap().unwrap();
+        assert_eq!((coded.points.len(), coded.codes.len()), (60, 60));
+        assert_eq!((coded.surface.len(), coded.patches.len()), (240, 240));
+        let v = coded.verts.len();
+        assert!(v > 100 && coded.moved.len() == v && coded.vert_codes.len() == v);
+        for code in coded.codes.iter().chain(&coded.patches).chain(&coded.vert_codes) {
+            assert!((code.iter().map(|x| x * x).sum::<f32>() - 1.0).abs() < 1e-5, "{code:?}");
+        }
+        // In the input's frame, in which the ball has a radius of 3; a field of so few steps knows it roughly.
+        let off = |points: &[[f32; 3]]| {
+            points.iter().map(|p| (distance(p) - 3.0).abs()).sum::<f32>() / points.len() as f32
+        };
+        assert!(off(&coded.points) < 1e-5 && off(&coded.surface) < 1.0, "{}", off(&coded.surface));
+        assert!(off(&coded.moved) < 0.85 * off(&coded.verts), "{} {}", off(&coded.moved), off(&coded.verts));
+        // The result has this S, and figures of it.
+        let result = trainer.finish();
+        assert_eq!(result.surface_points(), coded.surface);
+        let coverage = result.coverage().unwrap();
+        assert_eq!((coverage.points, coverage.surface), (60, 240));
+        assert!(coverage.codes.is_some_and(|c| c.sphere == 240 && c.used > 0), "{coverage:?}");
+        assert!(coverage.q_to_s > 0.0 && coverage.q_to_s < 0.2, "{coverage:?}");
+    }
+
+    #[test]
+    fn nothing_of_it_changes_the_run() {
+        let config = Config { deformation: Deformation::Offset, ..tiny() };
+        let mut trainer = Trainer::new(&ball(50), &config).unwrap();
+        while !trainer.is_done() {
+            if trainer.steps_done().is_multiple_of(4) {
+                trainer.coded().unwrap().unwrap();
+            }
+            trainer.step().unwrap();
+        }
+        assert!(bits(&trainer.finish()) == bits(&run(&ball(50), &config)));
+    }
+
+    #[test]
+    fn maps_without_codes_have_a_surface_to_measure() {
+        for (parameterization, measured) in [
+            (Parameterization::None, false),
+            (Parameterization::Upsample, true),
+            (Parameterization::Single, true),
+        ] {
+            let result = at_training(&ball(50), &Config { parameterization, ..tiny() });
+            assert_eq!(result.coded().unwrap(), None);
+            let coverage = result.finish().coverage().copied();
+            assert_eq!(coverage.is_some(), measured);
+            assert!(coverage.is_none_or(|c| c.codes.is_none() && c.surface == 200));
+        }
+    }
+
+    #[test]
+    fn a_surface_that_is_not_finite_leaves_the_last_one_without_codes() {
+        let mut trainer = at_training(&ball(50), &tiny());
+        let map = trainer.map.as_mut().unwrap();
+        let last = map.params_mut().values_mut().last_mut().unwrap();
+        std::sync::Arc::make_mut(last).data_mut().fill(f32::NAN);
+        assert_eq!(trainer.coded().unwrap(), None);
+        let kept = trainer.surface.clone();
+        let result = trainer.finish();
+        assert_eq!(result.surface, kept);
+        assert!(result.coverage().unwrap().codes.is_none());
+    }
+}
