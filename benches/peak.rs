@@ -2,8 +2,8 @@
 //! thread, beside a loop of multiply-adds that touches nothing but registers. A slower product shows as a smaller share
 //! of the peak, on whichever machine this runs.
 //!
-//! `cargo bench --bench peak`. Each figure is the best of many short runs, which is what a loaded machine disturbs least;
-//! peak and products take turns.
+//! `cargo bench --bench peak`. Each figure is the best of many short runs, which is what a loaded machine disturbs
+//! least; peak and products take turns.
 #![allow(dead_code, unused_imports)]
 
 // The loops are not public: this program compiles them once more.

@@ -35,7 +35,7 @@ const ROOT_NAMES: [(&str, &str); 2] = [("Error", "error"), ("ErrorKind", "error"
 /// Files that may print: the program.
 const MAY_PRINT: [&str; 2] = ["cli", "main"];
 const PRINTING: [&str; 7] = ["print", "println", "eprint", "eprintln", "dbg", "todo", "unimplemented"];
-/// Files that may be unsafe: the loops at the width of the registers.
+/// The room that may be unsafe: the loops at the width of the registers.
 const UNSAFE_ROOM: &str = "simd/";
 const MAX_LINES: usize = 600;
 /// Columns of a comment, but for tables; code is the formatter's.
@@ -382,7 +382,9 @@ fn breaches_of_the_house_rules_are_found() {
     let rejected = [
         ("nn/mlp.rs", "fn f() { println!(\"x\") }", "println! in the library"),
         ("nn/mlp.rs", "#[cfg(test)]\nmod tests { fn f() { dbg!(1) } }", "dbg! in the library"),
-        ("nn/mlp.rs", "fn f() { unsafe { g() } }", "unsafe outside tensor/simd.rs"),
+        ("nn/mlp.rs", "fn f() { unsafe { g() } }", "unsafe outside simd/"),
+        // Not every file of that name lies in the room.
+        ("tensor/simd.rs", "fn f() { unsafe { g() } }", "unsafe outside simd/"),
         ("nn/mod.rs", "pub use mlp::*;", "glob re-export"),
         ("nn/mod.rs", "pub(crate) use mlp::{a, b::*};", "glob re-export"),
         ("nn/mlp.rs", long.as_str(), "split it"),
@@ -396,6 +398,7 @@ fn breaches_of_the_house_rules_are_found() {
         ("cli/progress.rs", "fn f() { eprintln!(\"x\") }"),
         ("main.rs", "fn f() { eprintln!(\"x\") }"),
         ("simd/a.rs", "fn f() { unsafe { g() } }"),
+        ("simd/product/a.rs", "fn f() { unsafe { g() } }"),
         ("lib.rs", "#![deny(unsafe_code)]"),
         ("nn/mlp.rs", "use a::b; fn f(x: &f32) -> f32 { (*x) * 2.0 }\n// println!()\nfn todo() {}"),
         ("nn/mlp.rs", "#[cfg(test)]\nmod tests { use super::*; }"),

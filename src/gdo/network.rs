@@ -322,8 +322,8 @@ impl Block {
         }
     }
 
-    /// Writes the parameters' gradients from those at the values of the last forward half to `total`, which holds weight
-    /// and bias of layer after layer. Can be called once for each forward half.
+    /// Writes the parameters' gradients from those at the values of the last forward half to `total`, which holds
+    /// weight and bias of layer after layer. Can be called once for each forward half.
     pub(super) fn backward(
         &mut self,
         network: Network<'_>,

@@ -1,5 +1,6 @@
 //! Tiles of 256-bit vectors with fused multiply-adds: 6 x 16 values are twelve sums, two vectors of the panel and one
-//! value of the left side at a time, in sixteen registers. Twelve chains cover the latency of two multiply-adds a cycle.
+//! value of the left side at a time, in sixteen registers. Twelve chains cover the latency of two multiply-adds a
+//! cycle.
 
 use super::{MicroKernel, Tile, TileFn, Tiles, each_row};
 use std::arch::x86_64::{

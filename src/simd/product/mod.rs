@@ -3,8 +3,8 @@
 //! The right side is copied into [`Panels`] of a few columns each. The left side is read as it lies. A *tile* of the
 //! result, some rows by the columns of a panel, stays in registers while the inner index runs; one file per instruction
 //! set writes the tiles with its own vectors. Every value of the result is one chain of multiply-adds in the order of
-//! the inner index for each [`DEPTH`] of it, and these partial sums are added in order: the same bits for every shape of
-//! tile, and for every instruction set that fuses multiply and add.
+//! the inner index for each [`DEPTH`] of it, and these partial sums are added in order: the same bits for every shape
+//! of tile, and for every instruction set that fuses multiply and add.
 #![allow(unsafe_code)]
 
 #[cfg(target_arch = "x86_64")]
@@ -149,8 +149,8 @@ const MAX_TILE: usize = 12 * 32;
 ///
 /// # Safety
 /// The processor has the kernel's instruction set; all values of the left side (rows x depth) and of the panel (depth x
-/// the kernel's columns) can be read, as can the base's if it is not null; those of the result (rows x the tile's columns)
-/// can be read and written.
+/// the kernel's columns) can be read, as can the base's if it is not null; those of the result (rows x the tile's
+/// columns) can be read and written.
 type TileFn = unsafe fn(&Tile);
 
 /// The tiles of 1, 2, ... rows with contiguous rows on the left side and those with contiguous columns.
@@ -159,9 +159,9 @@ struct Tiles {
     transposed: &'static [TileFn],
 }
 
-/// Runs a block for the rows 0, 1, ... of a tile, at most 12, each with the row as a constant. The sums of a tile stay in
-/// registers only if none of them is reached through a variable index: loops, which the compiler may or may not unroll
-/// in time, have put them on the stack.
+/// Runs a block for the rows 0, 1, ... of a tile, at most 12, each with the row as a constant. The sums of a tile stay
+/// in registers only if none of them is reached through a variable index: loops, which the compiler may or may not
+/// unroll in time, have put them on the stack.
 macro_rules! each_row {
     ($rows:expr, |$i:ident| $body:block) => {
         each_row!(@ $rows, $i, $body, 0 1 2 3 4 5 6 7 8 9 10 11);
@@ -270,9 +270,9 @@ fn multiply_with<K: MicroKernel>(target: Target<'_>, left: MatRef<'_>, right: &P
                     base: base_at,
                     base_stride,
                 };
-                // SAFETY: `multiply` has found the instruction set and has made sure that the result has room for
-                // `left.rows` x `right.cols` values, that a row has `right.cols`, and `edge` has room for any tile; `MatRef` has room for its shape
-                // by construction and `part`; `panel` has `depth` rows of COLUMNS.
+                // SAFETY: `multiply` has found the instruction set, and has made sure that the result has room for
+                // `left.rows` x `right.cols` values and that a base for all rows has `right.cols`. `edge` has room for
+                // any tile. `left` holds its shape, which `MatRef` keeps; `panel` has `depth` rows of COLUMNS.
                 unsafe { tiles[rows - 1](&tile) };
                 if width < columns {
                     for (i, sums) in edge.chunks_exact(columns).take(rows).enumerate() {

@@ -1,4 +1,5 @@
-//! One runner for the tiles of every instruction set: each is compared with a plain chain of multiply-adds, bit for bit.
+//! One runner for the tiles of every instruction set: each is compared with a plain chain of multiply-adds, bit for
+//! bit.
 
 use super::{
     Base, DEPTH, MatRef, MicroKernel, Panels, Target, multiply, panel_columns, portable::Portable,
