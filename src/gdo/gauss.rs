@@ -201,7 +201,25 @@ pub(crate) fn spacing(points: &[[f32; 3]]) -> Vec<f64> {
 mod tests {
     use super::*;
     use crate::geometry::fibonacci_sphere;
+    use crate::simd::testing::{rows, same_at_all};
     use nalgebra::{DMatrix, DVector};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set(sources in rows::<7>(1..70), x: [f32; 3], source: prop::sample::Index) {
+            // Points are finite.
+            let sources = sources.map(|row| row.into_iter().map(|x| if x.is_finite() { x } else { 0.5 }).collect());
+            same_at_all(|| vec![indicator(&sources, [sources[1][0], 0.3, 0.1]), indicator(&sources, x)]);
+            let points = [0, 1, 2].map(|c| sources[c].iter().map(|&x| f64::from(x)).collect::<Vec<f64>>());
+            let n = points[0].len();
+            same_at_all(|| {
+                let mut out = vec![0.0; 3 * n];
+                kernels(&mut out, &points, source.index(n), f64::from(sources[3][0]));
+                out
+            });
+        }
+    }
 
     #[test]
     fn tells_inside_from_outside_of_a_sphere_and_a_shell() {

@@ -440,6 +440,7 @@ mod tests {
     use crate::autodiff::{At, Op, Tape};
     use crate::gdo::{FieldPass, FieldValues};
     use crate::ops::testing::{check, normal};
+    use crate::simd::testing::same_where_products_fuse;
     use crate::tensor::{Pool, Tensor};
     use proptest::prelude::*;
     use rand::SeedableRng;
@@ -523,6 +524,36 @@ mod tests {
             let all = Tensor::from_vec(&[1, all.len()], all);
             let x = points(6, seed);
             check(|t, v| t.apply(WholeField { field: field.clone(), points: x.clone() }, [v[0]]), &[all], seed);
+        }
+    }
+
+    #[test]
+    fn a_pass_is_the_same_where_products_fuse() {
+        // Rows up to a strip, a strip and more; widths with and without columns that no tile fills.
+        for (n, width, activation) in [
+            (1, 7, ACTIVATIONS[0]),
+            (47, 32, ACTIVATIONS[1]),
+            (100, 41, ACTIVATIONS[0]),
+            (64, 64, ACTIVATIONS[1]),
+        ] {
+            let config = FieldConfig { width, ..config(3, Some(2), 2, activation) };
+            let field = field(config, true, 5);
+            let (x, seeds) = (points(n, 3), [1, 3, 3].map(|c| normal(&[n, c], c as u64)));
+            same_where_products_fuse(|| {
+                let mut weights = Weights::default();
+                weights.fill(&field);
+                let network = Network { field: &field, weights: &weights };
+                let (mut block, mut scratch) = (Block::default(), Scratch::default());
+                let mut values = [1, 3, 3].map(|c| vec![0.0; n * c]);
+                let [sdf, gradient, offset] = &mut values;
+                let out = &mut Outputs { sdf, gradient, offset: Some(offset) };
+                block.forward(network, &x, &mut scratch, Some(out));
+                let mut total = vec![0.0; field.params().scalars()];
+                let [sdf, gradient, offset] = seeds.each_ref().map(Tensor::data);
+                let seeds = Seeds { sdf, gradient, offset: Some(offset) };
+                block.backward(network, &mut scratch, seeds, &mut total);
+                [values.concat(), total].concat()
+            });
         }
     }
 

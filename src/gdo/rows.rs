@@ -75,3 +75,33 @@ pub(super) fn join(out: &mut [f32], a: &[f32], a_cols: usize, b: &[f32], b_cols:
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::testing::{rows, same_at_all};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set(
+            [a, b, r, s] in rows(1..140), columns in 1usize..70, beta in 0.5f32..100.0,
+        ) {
+            let bias: Vec<f32> = r.iter().cycle().take(columns).copied().collect();
+            same_at_all(|| {
+                let [mut h, mut slope, mut relu, mut step] = [a.clone(), b.clone(), a.clone(), b.clone()];
+                softplus_rows(&mut h, &mut slope, &bias, beta);
+                relu_rows(&mut relu, &mut step, &bias);
+                [h, slope, relu, step].concat()
+            });
+            same_at_all(|| {
+                let [mut product, mut d, mut through] = [s.clone(), a.clone(), r.clone()];
+                multiply(&mut product, &a, &b);
+                back_through_slope(&mut d, &mut through, &s, beta);
+                let (mut dz, mut sum) = (a.clone(), bias.clone());
+                back_through_activation(&mut dz, &s, &b, &mut sum);
+                [product, d, through, dz, sum].concat()
+            });
+        }
+    }
+}

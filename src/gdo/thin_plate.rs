@@ -299,6 +299,8 @@ pub(super) fn saddle(points: &[[f64; 3]], smoothing: f64) -> DMatrix<f64> {
 mod tests {
     use super::*;
     use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::simd::testing::{rows, same_at_all};
+    use proptest::prelude::*;
 
     fn sphere(n: usize, radius: f32) -> Vec<[f32; 3]> {
         fibonacci_sphere(n).into_iter().map(|p| p.map(|x| radius * x)).collect()
@@ -321,6 +323,14 @@ mod tests {
             }
         }
         (f, gradient)
+    }
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set(centres in rows::<7>(0..70), x in prop::array::uniform3(-2.0f64..2.0)) {
+            let centres = centres.map(|row| row.into_iter().map(f64::from).collect());
+            same_at_all(|| vec![sum_of_centres(&centres, x)]);
+        }
     }
 
     #[test]

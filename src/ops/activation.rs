@@ -135,9 +135,21 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use crate::autodiff::Tape;
-    use crate::ops::testing::{check, normal};
+    use crate::ops::testing::{check, matrix, normal, same_both_ways};
+    use crate::simd::testing::rows;
     use crate::tensor::Tensor;
     use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([x, dy] in rows(0..70), beta in 0.5f32..100.0) {
+            let x = [matrix(&[x])];
+            same_both_ways(|t, x| t.relu(x[0]), &x, &dy);
+            same_both_ways(|t, x| t.relu_derivative(x[0]), &x, &dy);
+            same_both_ways(|t, x| t.softplus(x[0], beta), &x, &dy);
+            same_both_ways(|t, x| t.softplus_derivative(x[0], beta), &x, &dy);
+        }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]

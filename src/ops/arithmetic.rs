@@ -261,9 +261,26 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use crate::autodiff::{Tape, Var};
-    use crate::ops::testing::{check, normal, positive};
+    use crate::ops::testing::{check, matrix, normal, positive, same_both_ways};
+    use crate::simd::testing::rows;
     use crate::tensor::Tensor;
     use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([a, b, c, dy] in rows(1..70)) {
+            let n = a.len();
+            let x = matrix(&[a, b.clone()]);
+            let seconds =
+                [matrix(&[c.clone(), b.clone()]), matrix(&[c.clone()]), matrix(&[c[..1].to_vec(), b[..1].to_vec()])];
+            let ops: [fn(&mut Tape, Var, Var) -> Var; 4] = [Tape::add, Tape::sub, Tape::mul, Tape::div];
+            for (op, second) in ops.iter().flat_map(|op| seconds.iter().map(move |second| (op, second))) {
+                same_both_ways(|t, x| op(t, x[0], x[1]), &[x.clone(), second.clone()], &dy);
+            }
+            same_both_ways(|t, x| t.mul(x[0], x[1]), &[x.clone(), Tensor::scalar(c[n - 1])], &dy);
+            same_both_ways(|t, x| { let y = t.scale(x[0], b[0]); t.shift(y, c[0]) }, &[x], &dy);
+        }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(32))]

@@ -345,7 +345,8 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ops::testing::{attention_inputs, check, normal, same};
+    use crate::ops::testing::{attention_inputs, both_ways, check, normal, same};
+    use crate::simd::testing::{rows, same_at_all, same_where_products_fuse};
     use proptest::prelude::*;
 
     /// A twin of attention: every head cut out and multiplied by plain operations.
@@ -362,6 +363,27 @@ mod tests {
             joined = Some(joined.map_or(y, |j| t.concat_cols([j, y])));
         }
         joined.unwrap()
+    }
+
+    proptest! {
+        #[test]
+        fn softmax_is_the_same_at_every_instruction_set([x, dw] in rows(0..70), scale in 0.1f32..2.0) {
+            same_at_all(|| {
+                let mut w = x.clone();
+                scaled_softmax(&mut w, scale);
+                let (mut out, mut in_place) = (vec![0.0; w.len()], dw.clone());
+                scaled_softmax_gradient(&mut out, &w, &dw, scale);
+                scaled_softmax_gradient_in_place(&w, &mut in_place, scale);
+                [w, out, in_place].concat()
+            });
+        }
+
+        #[test]
+        fn the_same_where_products_fuse(n in 0usize..70, m in 1usize..70, heads in 1usize..4, width in 1usize..34, seed: u64) {
+            let x = attention_inputs(n, m, heads * width, heads * (width + 1), seed);
+            let dy = normal(&[1, 97], seed ^ 9);
+            same_where_products_fuse(|| both_ways(&|t, x| t.attention(x[0], x[1], x[2], heads), &x, dy.data()));
+        }
     }
 
     proptest! {

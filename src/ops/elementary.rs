@@ -120,9 +120,22 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use crate::autodiff::{Tape, Var};
-    use crate::ops::testing::{check, normal, positive};
+    use crate::ops::testing::{check, matrix, normal, positive, same_both_ways};
+    use crate::simd::testing::rows;
     use crate::tensor::Tensor;
     use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([x, dy] in rows(0..70)) {
+            let ops: [fn(&mut Tape, Var) -> Var; 8] = [
+                Tape::exp, Tape::sin, Tape::cos, Tape::abs, Tape::square, Tape::tanh, Tape::ln, Tape::sqrt,
+            ];
+            for op in ops {
+                same_both_ways(|t, x| op(t, x[0]), &[matrix(std::slice::from_ref(&x))], &dy);
+            }
+        }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]

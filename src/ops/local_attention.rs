@@ -337,7 +337,8 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::ops::testing::{attention_inputs, check, normal, same};
+    use crate::ops::testing::{attention_inputs, check, normal, same, same_both_ways};
+    use crate::simd::testing::rows;
     use proptest::prelude::*;
 
     /// The twin of local attention: gathered rows, plain operations.
@@ -364,6 +365,22 @@ mod tests {
     fn some_index(n: usize, k: usize, m: usize, seed: u64) -> Arc<[u32]> {
         let noise = normal(&[n * k, 1], seed ^ 7);
         noise.data().iter().map(|x| (x.abs() * 1e4) as u32 % m as u32).collect()
+    }
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set(
+            q in rows::<4>(1..24), [memory, dy] in rows(60..70), heads in 1usize..4, (k, seed) in (1usize..5, any::<u64>()),
+        ) {
+            // Heads of every width, whose columns come from the rows over and over.
+            let c = heads * q[0].len();
+            let wide = |rows: usize, from: &[f32]| {
+                Tensor::from_vec(&[rows, c], from.iter().cycle().take(rows * c).copied().collect())
+            };
+            let x = [wide(4, &q.concat()), wide(5, &memory), wide(5, &dy)];
+            let index = some_index(4, k, 5, seed);
+            same_both_ways(|t, x| t.local_attention(x[0], x[1], x[2], index.clone(), heads), &x, &dy);
+        }
     }
 
     proptest! {

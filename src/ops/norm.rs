@@ -161,9 +161,18 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use crate::autodiff::Tape;
-    use crate::ops::testing::{check, normal};
+    use crate::ops::testing::{check, matrix, normal, same_both_ways};
+    use crate::simd::testing::rows;
     use crate::tensor::Tensor;
     use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([a, b, gain, bias] in rows(1..70), [dy] in rows(70..200)) {
+            let x = [matrix(&[a, b]), matrix(&[gain]), matrix(&[bias])];
+            same_both_ways(|t, x| t.layer_norm(x[0], x[1], x[2], 1e-5), &x, &dy);
+        }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]

@@ -149,9 +149,19 @@ impl Tape {
 #[cfg(test)]
 mod tests {
     use crate::autodiff::Tape;
-    use crate::ops::testing::{check, normal};
+    use crate::ops::testing::{check, matrix, normal, same_both_ways};
+    use crate::simd::testing::rows;
     use crate::tensor::Tensor;
     use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set(x in rows::<6>(0..70), [dy] in rows(70..200), k in 1usize..4) {
+            let x = [matrix(&x)];
+            same_both_ways(|t, x| t.softmax_cols(x[0]), &x, &dy);
+            same_both_ways(|t, x| t.softmax_groups(x[0], k), &x, &dy);
+        }
+    }
 
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(24))]

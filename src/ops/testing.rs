@@ -2,6 +2,7 @@
 
 use crate::autodiff::check::{Options, gradient};
 use crate::autodiff::{Tape, Var};
+use crate::simd::testing::same_at_all;
 use crate::tensor::Tensor;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
@@ -30,6 +31,31 @@ pub(crate) fn check(f: impl Fn(&mut Tape, &[Var]) -> Var, inputs: &[Tensor], see
         let shapes: Vec<_> = inputs.iter().map(Tensor::shape).collect();
         panic!("{mismatch}; shapes {shapes:?}, seed {seed}")
     })
+}
+
+/// The value of `f` and its gradients at all inputs, one after the other; the gradient that comes in at the value is
+/// `dy`, over and over.
+pub(crate) fn both_ways(f: &dyn Fn(&mut Tape, &[Var]) -> Var, inputs: &[Tensor], dy: &[f32]) -> Vec<f32> {
+    let mut t = Tape::new();
+    let x: Vec<Var> = inputs.iter().map(|x| t.input(x.clone())).collect();
+    let y = f(&mut t, &x);
+    let shape = t.value(y).shape();
+    let seed = dy.iter().cycle().take(shape.len()).copied().collect();
+    let gradients = t.pull([(y, Tensor::from_vec(shape.dims(), seed))]);
+    let mut all = t.value(y).data().to_vec();
+    x.iter().for_each(|&x| all.extend(gradients.get(x).expect("an input that f depends on").data()));
+    all
+}
+
+/// Asserts that the value of `f` and its gradients are the same at every instruction set; see [`both_ways`].
+#[track_caller]
+pub(crate) fn same_both_ways(f: impl Fn(&mut Tape, &[Var]) -> Var, inputs: &[Tensor], dy: &[f32]) {
+    same_at_all(|| both_ways(&f, inputs, dy));
+}
+
+/// Rows of one length as a matrix.
+pub(crate) fn matrix(rows: &[Vec<f32>]) -> Tensor {
+    Tensor::from_vec(&[rows.len(), rows[0].len()], rows.concat())
 }
 
 /// Values and gradients of two functions of (q, k, v) agree.

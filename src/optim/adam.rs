@@ -202,6 +202,19 @@ impl Adam {
 mod tests {
     use super::*;
     use crate::ops::testing::normal;
+    use crate::simd::testing::{rows, same_at_all};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([p, m, v, g] in rows(0..70), rate in 0.0f32..1.0) {
+            same_at_all(|| {
+                let [mut p, mut m, mut v] = [p.clone(), m.clone(), v.clone()];
+                update(&mut p, &mut m, &mut v, &g, 0.9, 0.1, 0.999, 0.001, rate, 1.2, 1e-8, 0.99);
+                [p, m, v].concat()
+            });
+        }
+    }
 
     fn values(dims: &[[usize; 2]]) -> Vec<Arc<Tensor>> {
         dims.iter().enumerate().map(|(i, d)| Arc::new(normal(d, i as u64))).collect()

@@ -53,6 +53,16 @@ pub fn clip_norm(gradients: &mut [Option<Tensor>], max: f64) -> f64 {
 mod tests {
     use super::*;
     use crate::ops::testing::normal;
+    use crate::simd::testing::{rows, same_at_all};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([x] in rows(0..70), s in -2.0f32..2.0) {
+            same_at_all(|| vec![square_sum(&x)]);
+            same_at_all(|| { let mut x = x.clone(); scale(&mut x, s); x });
+        }
+    }
 
     #[test]
     fn norms_agree_with_plain_sums_at_every_size() {

@@ -152,6 +152,8 @@ kernel! {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::testing::{rows, same_at_all};
+    use proptest::prelude::*;
 
     /// Largest (absolute, relative) error over a sweep of [lo, hi].
     fn sweep(lo: f64, hi: f64, f: impl Fn(f32) -> f32, truth: impl Fn(f64) -> f64) -> (f64, f64) {
@@ -213,24 +215,36 @@ mod tests {
         }
     }
 
-    #[test]
-    fn wide_versions_give_the_portable_bits() {
-        let x: Vec<f32> = (0..1003).map(|i| (i as f32 - 500.0) * 0.173).collect();
-        let mut out = vec![0.0; x.len()];
-        let mut other = vec![0.0; x.len()];
-        exp_slice(&mut out, &x);
-        assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == exp(x).to_bits()));
-        sigmoid_slice(&mut out, &x, 2.0);
-        assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == sigmoid(2.0 * x).to_bits()));
-        softplus_sigmoid_slice(&mut out, &mut other, &x, 2.0);
-        assert!(
-            out.iter().zip(&x).all(|(o, &x)| o.to_bits() == (softplus_sigmoid(2.0 * x).0 * 0.5).to_bits())
-        );
-        assert!(other.iter().zip(&x).all(|(o, &x)| o.to_bits() == softplus_sigmoid(2.0 * x).1.to_bits()));
-        tanh_slice(&mut out, &x);
-        assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == tanh(x).to_bits()));
-        sin_cos_slice(&mut out, &mut other, &x);
-        assert!(out.iter().zip(&x).all(|(o, &x)| o.to_bits() == sin_cos(x).0.to_bits()));
-        assert!(other.iter().zip(&x).all(|(o, &x)| o.to_bits() == sin_cos(x).1.to_bits()));
+    proptest! {
+        #[test]
+        fn slices_are_the_functions_at_every_instruction_set([x] in rows(0..70), beta in 0.5f32..100.0) {
+            let n = x.len();
+            type Slices<'a> = &'a dyn Fn(&mut [f32], &mut [f32]);
+            type Function<'a> = &'a dyn Fn(f32) -> (f32, f32);
+            let all: [(Slices<'_>, Function<'_>); 5] = [
+                (&|a, _| exp_slice(a, &x), &|x| (exp(x), 0.0)),
+                (&|a, _| sigmoid_slice(a, &x, beta), &|x| (sigmoid(beta * x), 0.0)),
+                (&|a, _| tanh_slice(a, &x), &|x| (tanh(x), 0.0)),
+                (&|a, b| sin_cos_slice(a, b, &x), &sin_cos),
+                (&|a, b| softplus_sigmoid_slice(a, b, &x, beta), &|x| {
+                    let (value, slope) = softplus_sigmoid(beta * x);
+                    (value * (1.0 / beta), slope)
+                }),
+            ];
+            for (i, (slices, function)) in all.into_iter().enumerate() {
+                let found = same_at_all(|| {
+                    let mut out = vec![0.0; 2 * n];
+                    let (a, b) = out.split_at_mut(n);
+                    slices(a, b);
+                    out
+                });
+                for (j, &x) in x.iter().enumerate() {
+                    for (found, want) in [(found[j], function(x).0), (found[n + j], function(x).1)] {
+                        let same = found.to_bits() == want.to_bits() || found.is_nan() && want.is_nan();
+                        prop_assert!(same, "function {i} of {x}: {found} is not {want}");
+                    }
+                }
+            }
+        }
     }
 }

@@ -11,7 +11,7 @@ mod kernel;
 mod math;
 pub(crate) mod product;
 #[cfg(test)]
-mod testing;
+pub(crate) mod testing;
 
 pub(crate) use instruction_set::{InstructionSet, instruction_set};
 pub(crate) use kernel::kernel;

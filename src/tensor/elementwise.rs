@@ -55,3 +55,19 @@ pub(crate) fn map_rows(out: &mut [f32], cols: usize, f: impl Fn(usize, &mut [f32
         out.par_chunks_mut(rows * cols).enumerate().for_each(|(i, piece)| f(i * rows, piece));
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::simd::testing::{rows, same_at_all};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([x, y] in rows(0..70)) {
+            let sums = same_at_all(|| { let mut out = y.clone(); add_assign(&mut out, &x); out });
+            let same = |(sum, (x, y)): (f32, (&f32, &f32))| sum == x + y || sum.is_nan() && (x + y).is_nan();
+            prop_assert!(sums.into_iter().zip(x.iter().zip(&y)).all(same));
+        }
+    }
+}

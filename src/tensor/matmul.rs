@@ -234,13 +234,59 @@ pub fn matmul_tt(a: &Tensor, b: &Tensor) -> Tensor {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::testing::{rows, same_at_all, same_where_products_fuse};
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([a, b, c, d] in rows(1..70), k in 1usize..5) {
+            let n = b.len();
+            let right = [&b[..], &c, &d, &b].concat();
+            let left: Vec<f32> = a.iter().cycle().take(k * n.max(7)).copied().collect();
+            // Both orders of the loops, the rows of the result with a gap between them.
+            for m in [1, 7] {
+                let (a, b) = (MatRef::window(&left, m, k, k), MatRef::window(&right, k, n, n));
+                let thin = || {
+                    let mut out = vec![0.5; m * (n + 3)];
+                    gemm(&mut out, n + 3, Base::Out, a, b);
+                    thin_axpy(&mut out, n + 3, a, b);
+                    out
+                };
+                same_at_all(thin);
+            }
+            // Few columns, by dot products and by rows of the transposed result.
+            let (tall, few) = (MatRef::window(&right, 4, n, n), MatRef::window(&left, n, 1, 1));
+            same_at_all(|| {
+                let mut out = vec![0.0; 8];
+                gemm(&mut out, 2, Base::Zero, tall, few);
+                gemm(&mut out[1..], 2, Base::Zero, MatRef::window(&right, n, 4, 4).t(), few);
+                out
+            });
+        }
+
+        #[test]
+        fn the_same_where_products_fuse(
+            m in 6usize..40, k in 6usize..300, n in 6usize..70, transposed: [bool; 2], seed: u8,
+        ) {
+            let (a, b) = (filled(m, k, f32::from(seed)), filled(k, n, 1.3));
+            let [x, y] = [(&a, transposed[0]), (&b, transposed[1])]
+                .map(|(x, t)| if t { transposed_of(x) } else { x.clone() });
+            let product = match transposed {
+                [false, false] => matmul,
+                [false, true] => matmul_nt,
+                [true, false] => matmul_tn,
+                [true, true] => matmul_tt,
+            };
+            same_where_products_fuse(|| product(&x, &y).data().to_vec());
+        }
+    }
 
     fn filled(rows: usize, cols: usize, phase: f32) -> Tensor {
         let values = (0..rows * cols).map(|i| (i as f32 * 0.7 + phase).sin()).collect();
         Tensor::from_vec(&[rows, cols], values)
     }
 
-    fn transposed(x: &Tensor) -> Tensor {
+    fn transposed_of(x: &Tensor) -> Tensor {
         let (n, c) = (x.rows(), x.cols());
         let values = (0..c * n).map(|i| x.data()[(i % n.max(1)) * c + i / n.max(1)]).collect();
         Tensor::from_vec(&[c, n], values)
@@ -275,9 +321,9 @@ mod tests {
             let (a, b) = (filled(m, k, 0.1), filled(k, n, 1.3));
             let truth = naive(&a, &b);
             close(&matmul(&a, &b), &truth);
-            close(&matmul_nt(&a, &transposed(&b)), &truth);
-            close(&matmul_tn(&transposed(&a), &b), &truth);
-            close(&matmul_tt(&transposed(&a), &transposed(&b)), &truth);
+            close(&matmul_nt(&a, &transposed_of(&b)), &truth);
+            close(&matmul_tn(&transposed_of(&a), &b), &truth);
+            close(&matmul_tt(&transposed_of(&a), &transposed_of(&b)), &truth);
         }
     }
 

@@ -116,6 +116,30 @@ kernel! {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::simd::testing::{rows, same_at_all};
+    use proptest::prelude::*;
+
+    kernel! {
+        /// The loops that other kernels call, in one.
+        fn lanes(out: &mut [f32], s: f32, x: &[f32]) -> [f32; 2] {
+            lane_axpy(out, s, x);
+            [lane_sum(out), lane_max(out)]
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn the_same_at_every_instruction_set([a, b, c] in rows(0..70)) {
+            same_at_all(|| vec![f64::from(dot(&a, &b)), sum_f64(&a), sum_f64(&b)]);
+            same_at_all(|| {
+                let mut out = c.clone();
+                add_row_sums(&mut out, &[&a[..], &b].concat());
+                let ends = lanes(&mut out, -0.7, &a);
+                out.extend(ends);
+                out
+            });
+        }
+    }
 
     #[test]
     fn sums_agree_with_plain_loops_at_every_size() {

@@ -200,6 +200,18 @@ fn panel_columns(set: InstructionSet) -> usize {
     }
 }
 
+/// Whether products at an instruction set round once for multiply and add.
+#[cfg(test)]
+pub(super) fn fuses(set: InstructionSet) -> bool {
+    match set {
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx512 => avx512::Avx512::FUSED,
+        #[cfg(target_arch = "x86_64")]
+        InstructionSet::Avx2 => avx2::Avx2::FUSED,
+        _ => portable::Portable::FUSED,
+    }
+}
+
 /// target = base + left times the matrix in the panels, on this thread.
 ///
 /// # Panics
