@@ -69,6 +69,9 @@ fn bsp(c: &mut Criterion) {
             sphere: 1.0,
             reach,
             average_positions,
+            layout: false,
+            charts: false,
+            slack: 0.0,
             sheets: 0.0,
         };
         let points = sphere(n, 0.5, 0.0, 1);

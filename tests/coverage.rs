@@ -60,3 +60,33 @@ fn a_trained_surface_has_figures_of_its_codes() {
     assert!((10..=1500).contains(&codes.used) && codes.folded().is_none_or(|f| f <= 1.0), "{seen:?}");
     assert!(seen.coverage.q_to_s < 0.1 && seen.s.to_gt < 0.1 && seen.s.from_gt < 0.2, "{seen:?}");
 }
+
+/// `short` with codes that begin in a layout and a Psi that begins with charts.
+fn with_charts() -> Config {
+    let mut config = short(Parameterization::Bsp);
+    for (key, value) in [
+        ("bsp.layout", "true"),
+        ("bsp.charts", "true"),
+        ("bsp.average_positions", "false"),
+        ("bsp.slack", "1"),
+        ("bsp.pretrain", "40"),
+        ("bsp.pretrain_on_shape", "false"),
+    ] {
+        config.set(key, value).unwrap();
+    }
+    config
+}
+
+#[test]
+fn codes_cover_the_sphere_and_s_the_shape_after_training() {
+    for shape in [Shape::Sphere { radius: 0.7 }, Shape::Torus { major: 0.6, minor: 0.25 }] {
+        let seen = seen_after_training(shape, 200, &with_charts());
+        let codes = seen.coverage.codes.unwrap();
+        assert!(codes.mean_code < 0.1 && codes.evenness() > 0.75, "{seen:?}");
+        assert!(codes.folded().is_none_or(|folded| folded < 0.05), "{seen:?}");
+        assert!(seen.coverage.distinct_share() > 0.95, "{seen:?}");
+        // Nearer to what as many samples of the truth cover than to what the points do.
+        let (floor, q) = (seen.s.floor.unwrap(), seen.q.from_gt);
+        assert!(seen.s.from_gt < 0.5 * (floor + q), "{seen:?}");
+    }
+}

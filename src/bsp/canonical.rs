@@ -2,11 +2,13 @@
 
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Activation, Bound, LayerNorm, Mlp, PointTransformer, Scope};
+use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
 use std::sync::Arc;
 
 /// f = relu(norm(point transformer(Q))) over the k nearest neighbours (equation 1 of the paper), and the code
-/// u = head(f) / |head(f)|.
+/// u = head(f) / |head(f)|, or with a layout that codes begin in, the direction of the layout plus a small multiple of
+/// head(f).
 ///
 /// Shapes: Q n x 3 to features n x c and codes n x 3. Parameters: `attention` (the point transformer), `norm`, `head`
 /// (c to c / 2 to 3). Gradient: smooth but for ReLUs. The equation is the layer alone; norm and head are ours, as the
@@ -29,16 +31,32 @@ impl Canonical {
     }
 
     /// Features (n x c) and codes (n x 3) of the points (n x 3); point i has the neighbours
-    /// `neighbours[i k .. (i + 1) k]`.
+    /// `neighbours[i k .. (i + 1) k]`. With a layout (n x 3, unit length) and a step, the code is
+    /// normalize(layout + step head(f)).
     ///
     /// # Panics
-    /// If the neighbours are not those of n points.
+    /// If the neighbours or the layout are not those of n points.
     #[track_caller]
-    pub fn forward(&self, tape: &mut Tape, p: &Bound, points: Var, neighbours: Arc<[u32]>) -> (Var, Var) {
+    pub fn forward(
+        &self,
+        tape: &mut Tape,
+        p: &Bound,
+        points: Var,
+        neighbours: Arc<[u32]>,
+        layout: Option<(&Arc<Tensor>, f32)>,
+    ) -> (Var, Var) {
         let features = self.attention.forward(tape, p, points, points, neighbours);
         let features = self.norm.forward(tape, p, features);
         let features = tape.relu(features);
         let head = self.head.forward(tape, p, features);
+        let head = match layout {
+            None => head,
+            Some((layout, step)) => {
+                let layout = tape.shared(layout.clone(), false);
+                let moved = tape.scale(head, step);
+                tape.add(layout, moved)
+            }
+        };
         (features, tape.normalize_rows(head))
     }
 }

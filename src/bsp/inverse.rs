@@ -1,17 +1,20 @@
 //! Psi: from patches of codes back to points in space.
 
-use super::BspConfig;
+use super::{BspConfig, Neighbourhood, chart};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
 use rand::rngs::ChaCha8Rng;
 use std::sync::Arc;
+
+/// How far an output of 1 moves a point of S from its chart, in mean spacings of the cloud.
+const CHART_OFFSET: f32 = 0.1;
 
 /// s = Psi(phi(features), p): a decoder block whose queries are embedded codes and whose memory is the features of
 /// all points (equation 2 of the paper), then a perceptron to space.
 ///
 /// With `average_positions`, s is the average of the attended points' positions under the attention's own weights,
 /// plus the perceptron's output times the mean spacing of the cloud: the surface starts among the points instead of
-/// anywhere.
+/// anywhere. With charts, s is the place of p in the chart of its patch's centre, plus a tenth of that offset.
 ///
 /// Shapes: features c x channels, points c x 3, patches (b M) x 3 to (b M) x 3. Parameters: `query` and `memory` (to c
 /// and c channels), `block` (the decoder block), `out` (c to c to c to 3). The frequencies of the code embedding are
@@ -56,8 +59,8 @@ impl Inverse {
     }
 
     /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (c x channels) and
-    /// positions (c x 3) of a context; `reach` lists the rows of the context that each centre's patch attends to (b
-    /// r), or `None` for all.
+    /// positions (c x 3) of a context; `block` has the rows of the context that each centre's patch attends to, and
+    /// the charts, if there are any.
     ///
     /// # Panics
     /// If the shapes do not fit.
@@ -69,9 +72,9 @@ impl Inverse {
         features: Var,
         points: Var,
         patches: Var,
-        reach: Option<&Arc<[u32]>>,
+        block: &Neighbourhood,
     ) -> Var {
-        let reach = match reach {
+        let reach = match block.reach() {
             None => Reach::All,
             Some(nearest) => {
                 let centres = tape.value(patches).rows() / self.patch;
@@ -84,7 +87,13 @@ impl Inverse {
         let embedded = self.embedding.forward(tape, patches);
         let queries = self.query.forward(tape, p, embedded);
         let memory = self.memory.forward(tape, p, features);
-        if self.average_positions {
+        if let Some(charts) = block.charts() {
+            let x = self.block.forward(tape, p, queries, &Reach::All, memory, &reach);
+            let offset = self.out.forward(tape, p, x);
+            let offset = tape.scale(offset, CHART_OFFSET * self.spacing);
+            let place = chart::place(tape, patches, charts, self.patch);
+            tape.add(place, offset)
+        } else if self.average_positions {
             let (x, weights) = self.block.forward_weighted(tape, p, queries, &Reach::All, memory, &reach);
             let offset = self.out.forward(tape, p, x);
             let average = self.block.cross().average(tape, weights, points, &reach);
@@ -123,7 +132,6 @@ mod tests {
     fn averaged_positions_start_near_the_points_they_attend_to() {
         let points: Vec<[f32; 3]> = crate::geometry::fibonacci_sphere(60);
         let config = super::super::tests::small(4, true);
-        let nearest: Arc<[u32]> = crate::geometry::KdTree::new(&points).k_nearest(&points, 4).into();
         let mut params = Params::new();
         let mut rng = ChaCha8Rng::seed_from_u64(3);
         let psi = Inverse::new(&mut params.scope("psi"), &config, &points, &mut rng);
@@ -133,7 +141,8 @@ mod tests {
         let q = tape.constant(Tensor::from_points(&points));
         let codes: Vec<[f32; 3]> = points.iter().flat_map(|&u| [u; 3]).collect();
         let codes = tape.constant(Tensor::from_points(&codes));
-        let s = psi.forward(&mut tape, &p, features, q, codes, Some(&nearest));
+        let block = Neighbourhood::whole(&points, None, &BspConfig { sheets: 0.0, ..config });
+        let s = psi.forward(&mut tape, &p, features, q, codes, &block);
         for (i, s) in tape.value(s).to_points().iter().enumerate() {
             let centre = points[i / 3];
             let distance = (0..3).map(|d| (s[d] - centre[d]).powi(2)).sum::<f32>().sqrt();

@@ -3,8 +3,10 @@
 
 mod atlas;
 mod canonical;
+mod chart;
 mod coverage;
 mod inverse;
+mod layout;
 mod neighbourhood;
 mod patch;
 mod sheets;
@@ -44,10 +46,29 @@ pub struct BspConfig {
     /// Whether Psi averages the positions of the points it attends to and adds a learned offset, instead of making
     /// positions from nothing.
     pub average_positions: bool,
+    /// Whether codes begin in a layout that fills the sphere evenly and keeps neighbours together, with what the head of
+    /// Phi learns added to it. Without, as in the paper, they are what the head makes of the features: all in one spot
+    /// at first.
+    pub layout: bool,
+    /// Whether Psi adds what it learns to a chart of each point: the patch as a disc around the point, with the point's
+    /// share of the surface, in the plane of its neighbours and bent as they are. Needs `layout`, and takes the place of
+    /// `average_positions`.
+    pub charts: bool,
+    /// L_para asks nothing of points of S that are nearer to the cloud than this share of their chart's radius: so that
+    /// S need not lie on the points to be a surface through them. 0 as in the paper; has no effect without `charts`.
+    pub slack: f32,
     /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
     /// (from the field's first shape): sqrt(|p - q|^2 + (sheets s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S
     /// from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
     pub sheets: f32,
+}
+
+impl BspConfig {
+    /// Codes on the whole sphere for a cloud of n points.
+    pub fn codes(&self, n: usize) -> usize {
+        let codes = (f64::from(self.sphere) * n as f64 * self.patch as f64).ceil() as usize;
+        codes.clamp(self.patch, MAX_CODES.max(self.patch))
+    }
 }
 
 /// Codes on the sphere, at most.
@@ -61,6 +82,8 @@ pub struct Bsp {
     canonical: Canonical,
     sampler: PatchSampler,
     inverse: Inverse,
+    /// How far an output of 1 of Phi's head moves a code from its layout.
+    code_step: f32,
 }
 
 /// What a forward pass puts on the tape.
@@ -84,10 +107,9 @@ impl Bsp {
         let n = points.len();
         let mut params = Params::new();
         let canonical = Canonical::new(&mut params.scope("phi"), config.channels, rng);
-        let codes = (f64::from(config.sphere) * n as f64 * config.patch as f64).ceil() as usize;
-        let sampler = PatchSampler::new(codes.clamp(config.patch, MAX_CODES), config.patch);
+        let sampler = PatchSampler::new(config.codes(n), config.patch);
         let inverse = Inverse::new(&mut params.scope("psi"), &config, points, rng);
-        Bsp { config, params, canonical, sampler, inverse }
+        Bsp { config, params, canonical, sampler, inverse, code_step: chart::code_step(n) }
     }
 
     /// The sizes.
@@ -121,11 +143,12 @@ impl Bsp {
     /// If `context` does not fit the block.
     #[track_caller]
     pub fn forward(&self, tape: &mut Tape, p: &Bound, context: Var, block: &Neighbourhood) -> BspOutput {
-        let (features, codes) = self.canonical.forward(tape, p, context, block.neighbours());
+        let layout = block.layout().map(|layout| (layout, self.code_step));
+        let (features, codes) = self.canonical.forward(tape, p, context, block.neighbours(), layout);
         let b = block.centres().len();
         let codes = if b < block.context().len() { tape.slice_rows(codes, 0..b) } else { codes };
         let patches = self.sampler.forward(tape, codes);
-        let surface = self.inverse.forward(tape, p, features, context, patches, block.reach());
+        let surface = self.inverse.forward(tape, p, features, context, patches, block);
         BspOutput { codes, patches, surface }
     }
 }
@@ -148,6 +171,9 @@ mod tests {
             sphere: 1.0,
             reach,
             average_positions,
+            layout: false,
+            charts: false,
+            slack: 0.0,
             sheets: 1.5,
         }
     }
@@ -156,8 +182,16 @@ mod tests {
     fn gradients_reach_every_parameter_in_every_form() {
         let cloud = normal(&[9, 3], 5);
         let points = cloud.to_points();
-        for (reach, average) in [(0, false), (0, true), (4, false), (4, true)] {
-            let bsp = Bsp::new(small(reach, average), &points, &mut ChaCha8Rng::seed_from_u64(2));
+        for (reach, average, charts) in [
+            (0, false, false),
+            (0, true, false),
+            (4, false, false),
+            (4, true, false),
+            (0, false, true),
+            (4, false, true),
+        ] {
+            let config = BspConfig { layout: charts, charts, ..small(reach, average) };
+            let bsp = Bsp::new(config, &points, &mut ChaCha8Rng::seed_from_u64(2));
             let whole = Neighbourhood::whole(&points, None, bsp.config());
             let inputs: Vec<Tensor> = bsp.params.values().iter().map(|v| (**v).clone()).collect();
             // The patches' steps hold the codes that they lead away from, which differences must not move.
@@ -171,9 +205,10 @@ mod tests {
             let forward = |t: &mut Tape, x: &[Var]| {
                 let p = Bound::new(x.to_vec());
                 let q = t.constant(cloud.clone());
-                let (features, codes) = bsp.canonical.forward(t, &p, q, whole.neighbours());
+                let layout = whole.layout().map(|layout| (layout, bsp.code_step));
+                let (features, codes) = bsp.canonical.forward(t, &p, q, whole.neighbours(), layout);
                 let patches = bsp.sampler.place(t, codes, &steps);
-                let surface = bsp.inverse.forward(t, &p, features, q, patches, whole.reach());
+                let surface = bsp.inverse.forward(t, &p, features, q, patches, &whole);
                 t.concat_cols([surface, patches])
             };
             // A short step keeps most directions clear of the many ReLUs' kinks.

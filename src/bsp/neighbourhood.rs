@@ -1,9 +1,12 @@
 //! Which points are seen together: the whole cloud, or a compact block of a large one and what is around it.
 
 use super::BspConfig;
+use super::chart::{self, Chart};
+use super::layout::spherical_layout;
 use super::sheets::SheetFinder;
 #[cfg(test)]
 use crate::geometry::KdTree;
+use crate::tensor::Tensor;
 use std::sync::Arc;
 
 /// A part of a cloud with everything that the patches of its centres depend on.
@@ -17,6 +20,44 @@ pub struct Neighbourhood {
     centres: usize,
     neighbours: Arc<[u32]>,
     reach: Option<Arc<[u32]>>,
+    /// Where the codes of the context begin, c x 3, if they have a layout.
+    layout: Option<Arc<Tensor>>,
+    /// The charts of the centres (b), if there are any.
+    charts: Option<Arc<[Chart]>>,
+}
+
+/// What a whole cloud has once: where its codes begin, and its charts.
+struct Laid {
+    codes: Vec<[f32; 3]>,
+    charts: Option<Vec<Chart>>,
+}
+
+impl Laid {
+    fn of(
+        points: &[[f32; 3]],
+        normals: Option<&[[f32; 3]]>,
+        finder: &SheetFinder<'_>,
+        config: &BspConfig,
+    ) -> Option<Self> {
+        if !config.layout {
+            return None;
+        }
+        let n = points.len();
+        let all: Vec<u32> = (0..n as u32).collect();
+        let codes = spherical_layout(points, &finder.k_nearest(&all, config.neighbours.clamp(1, n)));
+        let charts = config.charts.then(|| {
+            let near = finder.k_nearest(&all, (chart::FITTED + 1).min(n));
+            chart::charts(points, &codes, normals, &near, config)
+        });
+        Some(Laid { codes, charts })
+    }
+
+    /// Of the points of a block, of which the first `centres` are its centres.
+    fn part(&self, context: &[u32], centres: usize) -> (Option<Arc<Tensor>>, Option<Arc<[Chart]>>) {
+        let codes: Vec<[f32; 3]> = context.iter().map(|&i| self.codes[i as usize]).collect();
+        let own = |charts: &Vec<Chart>| context[..centres].iter().map(|&i| charts[i as usize]).collect();
+        (Some(Arc::new(Tensor::from_points(&codes))), self.charts.as_ref().map(own))
+    }
 }
 
 impl Neighbourhood {
@@ -33,13 +74,15 @@ impl Neighbourhood {
         let reach =
             (config.reach > 0 && config.reach < n).then(|| finder.k_nearest(&context, config.reach).into());
         let neighbours = finder.k_nearest(&context, config.neighbours.clamp(1, n)).into();
-        Neighbourhood { context, centres: n, neighbours, reach }
+        let laid = Laid::of(points, normals, &finder, config);
+        let (layout, charts) = laid.map_or((None, None), |laid| laid.part(&context, n));
+        Neighbourhood { context, centres: n, neighbours, reach, layout, charts }
     }
 
     /// The whole cloud of n points, for maps that look at no neighbours.
     pub(super) fn without_neighbours(n: usize) -> Self {
         let context = (0..n as u32).collect();
-        Neighbourhood { context, centres: n, neighbours: [].into(), reach: None }
+        Neighbourhood { context, centres: n, neighbours: [].into(), reach: None, layout: None, charts: None }
     }
 
     /// The same in blocks of at most `size` centres, which are all that is in their context.
@@ -59,6 +102,8 @@ impl Neighbourhood {
             context,
             neighbours: [].into(),
             reach: None,
+            layout: None,
+            charts: None,
         };
         parts.into_iter().map(bare).collect()
     }
@@ -80,9 +125,17 @@ impl Neighbourhood {
             return vec![Self::whole(points, normals, config)];
         }
         let finder = SheetFinder::new(points, normals, config.sheets);
+        let laid = Laid::of(points, normals, &finder, config);
         let mut parts = Vec::new();
         split((0..points.len() as u32).collect(), points, size, &mut parts);
-        parts.into_iter().map(|centres| Self::block(points, normals, &finder, centres, config)).collect()
+        let block = |centres| {
+            let mut block = Self::block(points, normals, &finder, centres, config);
+            if let Some(laid) = &laid {
+                (block.layout, block.charts) = laid.part(&block.context, block.centres);
+            }
+            block
+        };
+        parts.into_iter().map(block).collect()
     }
 
     fn block(
@@ -120,7 +173,7 @@ impl Neighbourhood {
             let nearest = near.chunks_exact(around).flat_map(|near| &near[..reach]);
             nearest.map(|&point| row[point as usize]).collect()
         });
-        Neighbourhood { context, centres: b, neighbours, reach }
+        Neighbourhood { context, centres: b, neighbours, reach, layout: None, charts: None }
     }
 
     /// Lists every point in the reach of every centre, nearest first.
@@ -142,6 +195,25 @@ impl Neighbourhood {
     /// The neighbours of every context point, c k.
     pub(super) fn neighbours(&self) -> Arc<[u32]> {
         self.neighbours.clone()
+    }
+
+    /// Where the codes of the context begin, c x 3, if they have a layout.
+    pub(super) fn layout(&self) -> Option<&Arc<Tensor>> {
+        self.layout.as_ref()
+    }
+
+    /// The charts of the centres, if there are any.
+    pub(super) fn charts(&self) -> Option<&Arc<[Chart]>> {
+        self.charts.as_ref()
+    }
+
+    /// The distance to the cloud up to which L_para asks nothing of a point of S, one a point of the block's part of S
+    /// (b M), working frame; `None` if it always asks.
+    pub fn slack(&self, config: &BspConfig, n: usize) -> Option<Arc<[f32]>> {
+        let charts = self.charts.as_ref().filter(|_| config.slack > 0.0)?;
+        let cap = chart::cap_radius(config.patch, config.codes(n));
+        let radii = charts.iter().map(|chart| config.slack * chart.radius(cap));
+        Some(radii.flat_map(|radius| std::iter::repeat_n(radius, config.patch)).collect())
     }
 
     /// The points that the patch of each centre attends to, b r; `None` for the whole context.

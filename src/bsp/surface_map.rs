@@ -5,6 +5,7 @@ use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
 use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
+use std::sync::Arc;
 
 /// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -108,6 +109,15 @@ impl SurfaceMap {
             SurfaceMap::Bsp(bsp) => Neighbourhood::blocks(points, normals, bsp.config(), size),
             SurfaceMap::Atlas(_) => vec![Neighbourhood::without_neighbours(points.len())],
             SurfaceMap::Upsample(_) => Neighbourhood::bare_blocks(points, size),
+        }
+    }
+
+    /// The distances to the cloud (n points) up to which L_para asks nothing of the points of S of a block, as
+    /// [`Neighbourhood::slack`]; `None` for other maps than BSP.
+    pub fn slack(&self, block: &Neighbourhood, n: usize) -> Option<Arc<[f32]>> {
+        match self {
+            SurfaceMap::Bsp(bsp) => block.slack(bsp.config(), n),
+            SurfaceMap::Atlas(_) | SurfaceMap::Upsample(_) => None,
         }
     }
 

@@ -1,5 +1,6 @@
 //! What training minimises: Chamfer distances, the surface term, and the optional regularisers.
 
+mod beyond;
 mod chamfer;
 mod laplacian;
 mod pull;

@@ -31,6 +31,14 @@ fn every_ablation_runs() {
             ("bsp.reach", "0"),
             ("bsp.average_positions", "false"),
         ],
+        &[
+            ("bsp.layout", "true"),
+            ("bsp.charts", "true"),
+            ("bsp.slack", "1"),
+            ("bsp.average_positions", "false"),
+            ("batch.points", "20"),
+            ("batch.centres", "16"),
+        ],
         &[("field.activation", "relu"), ("field.skip", "1"), ("start.shape", "sphere"), ("band.rings", "2")],
         &[("batch.points", "20"), ("batch.centres", "16"), ("bsp.reach", "0")],
     ] {

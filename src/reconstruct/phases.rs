@@ -115,7 +115,7 @@ impl Trainer {
                 let around = shape.around(block);
                 shape_term(tape, surface, context, block, &around)
             }
-            _ => para_term(tape, surface, context, block),
+            _ => para_term(tape, surface, context, block, map.slack(block, self.cloud.len())),
         };
         let loss = tape.value(para).item();
         let gradients = p.collect(&mut tape.backward(para));

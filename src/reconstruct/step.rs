@@ -14,6 +14,7 @@ use crate::optim::{clip_norm, gradient_norm};
 use crate::tensor::Tensor;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
+use std::sync::Arc;
 use std::time::Instant;
 
 /// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0, and where
@@ -243,7 +244,8 @@ impl Trainer {
             let p = map.params().bind(tape, true);
             let (surface, context) = forward_map(tape, map, &p, &self.cloud, block)?;
             if self.config.weights.para > 0.0 {
-                para = Some(para_term(tape, surface, context, block));
+                let slack = map.slack(block, self.cloud.len());
+                para = Some(para_term(tape, surface, context, block, slack));
             }
             (bound, live) = (Some(p), Some(surface));
         }
@@ -362,14 +364,24 @@ pub(super) fn forward_map(
     Ok((surface, context))
 }
 
-/// L_para of a block: from its part of S to all points around, and from its centres to its part of S.
-pub(super) fn para_term(tape: &mut Tape, surface: Var, context: Var, block: &Neighbourhood) -> Var {
+/// L_para of a block: from its part of S to all points around, beyond a slack if there is one, and from its centres to
+/// its part of S.
+pub(super) fn para_term(
+    tape: &mut Tape,
+    surface: Var,
+    context: Var,
+    block: &Neighbourhood,
+    slack: Option<Arc<[f32]>>,
+) -> Var {
     let b = block.centres().len();
-    if b == block.context().len() {
+    if b == block.context().len() && slack.is_none() {
         return tape.chamfer(surface, context, Direction::BOTH);
     }
     let centres = tape.slice_rows(context, 0..b);
-    let out = tape.chamfer(surface, context, Direction::FORWARD);
+    let out = match slack {
+        None => tape.chamfer(surface, context, Direction::FORWARD),
+        Some(slack) => tape.distance_beyond(surface, context, slack),
+    };
     let back = tape.chamfer(surface, centres, Direction::BACKWARD);
     tape.add(out, back)
 }
