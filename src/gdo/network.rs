@@ -579,7 +579,8 @@ mod tests {
             {
                 for activation in ACTIVATIONS {
                     let field = field(config(depth, skip, octaves, activation), offset, depth as u64);
-                    for n in 1..12 {
+                    // The last ones are more than a strip, and more than two.
+                    for n in (1..12).chain([49, 100]) {
                         let x = points(n, n as u64);
                         let d = FieldValues {
                             sdf: normal(&[n, 1], 1),

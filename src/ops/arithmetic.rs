@@ -272,7 +272,7 @@ mod tests {
             let n = a.len();
             let x = matrix(&[a, b.clone()]);
             let seconds =
-                [matrix(&[c.clone(), b.clone()]), matrix(&[c.clone()]), matrix(&[c[..1].to_vec(), b[..1].to_vec()])];
+                [matrix(&[c.clone(), b.clone()]), matrix(std::slice::from_ref(&c)), matrix(&[c[..1].to_vec(), b[..1].to_vec()])];
             let ops: [fn(&mut Tape, Var, Var) -> Var; 4] = [Tape::add, Tape::sub, Tape::mul, Tape::div];
             for (op, second) in ops.iter().flat_map(|op| seconds.iter().map(move |second| (op, second))) {
                 same_both_ways(|t, x| op(t, x[0], x[1]), &[x.clone(), second.clone()], &dy);

@@ -328,6 +328,27 @@ mod tests {
     }
 
     #[test]
+    fn a_product_has_the_same_bits_however_it_is_split() {
+        // More than one block of the inner side; on one thread, and in small and large blocks of rows on several.
+        for (m, k, n) in [(7, 600, 20), (100, 513, 40), (800, 300, 33)] {
+            let (a, b, bias) = (filled(m, k, 0.2), filled(k, n, 1.1), filled(1, n, 2.0));
+            let mut panels = Panels::new();
+            panels.fill(b.as_mat());
+            for base in [Base::Zero, Base::Out, Base::Row(bias.data())] {
+                let run = |product: &dyn Fn(&mut [f32])| {
+                    let mut out = filled(m, n, 3.0);
+                    product(out.data_mut());
+                    out
+                };
+                let whole = run(&|data| multiply(Target { data, stride: n, base }, a.as_mat(), &panels));
+                assert_eq!(run(&|out| gemm(out, n, base, a.as_mat(), b.as_mat())), whole);
+                assert_eq!(run(&|out| gemm_serial(out, n, base, a.as_mat(), b.as_mat())), whole);
+                assert_eq!(run(&|out| gemm_panels(out, n, base, a.as_mat(), &panels)), whole);
+            }
+        }
+    }
+
+    #[test]
     fn strided_result_adds_to_what_is_there() {
         let (a, b) = (filled(9, 7, 0.0), filled(7, 8, 0.5));
         let truth = naive(&a, &b);

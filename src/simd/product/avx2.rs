@@ -17,32 +17,24 @@ impl MicroKernel for Avx2 {
     const COLUMNS: usize = 2 * LANES;
     const NARROW_COLUMNS: usize = LANES;
     const FUSED: bool = true;
-    const TILES: Tiles = Tiles {
-        straight: &[
-            tile::<1, 2, false>,
-            tile::<2, 2, false>,
-            tile::<3, 2, false>,
-            tile::<4, 2, false>,
-            tile::<5, 2, false>,
-            tile::<6, 2, false>,
-        ],
-        transposed: &[
-            tile::<1, 2, true>,
-            tile::<2, 2, true>,
-            tile::<3, 2, true>,
-            tile::<4, 2, true>,
-            tile::<5, 2, true>,
-            tile::<6, 2, true>,
-        ],
-    };
-    const NARROW_TILES: Tiles = Tiles { straight: &NARROW_STRAIGHT, transposed: &NARROW_TRANSPOSED };
+    const TILES: Tiles = Tiles { straight: &wide::<false>(), transposed: &wide::<true>() };
+    const NARROW_TILES: Tiles = Tiles { straight: &narrow::<false>(), transposed: &narrow::<true>() };
 }
 
-const NARROW_STRAIGHT: [TileFn; 12] = narrow::<false>();
-const NARROW_TRANSPOSED: [TileFn; 12] = narrow::<true>();
+const fn wide<const TRANSPOSED: bool>() -> [TileFn; 6] {
+    [
+        tile::<1, 2, TRANSPOSED>,
+        tile::<2, 2, TRANSPOSED>,
+        tile::<3, 2, TRANSPOSED>,
+        tile::<4, 2, TRANSPOSED>,
+        tile::<5, 2, TRANSPOSED>,
+        tile::<6, 2, TRANSPOSED>,
+    ]
+}
 
-/// One vector a row: more rows for as many chains.
-const fn narrow<const TRANSPOSED: bool>() -> [TileFn; 12] {
+/// One vector a row: more rows for about as many chains. From ten rows on the compiler moves loads so far ahead that
+/// some of the sums go through the stack.
+const fn narrow<const TRANSPOSED: bool>() -> [TileFn; 8] {
     [
         tile::<1, 1, TRANSPOSED>,
         tile::<2, 1, TRANSPOSED>,
@@ -52,10 +44,6 @@ const fn narrow<const TRANSPOSED: bool>() -> [TileFn; 12] {
         tile::<6, 1, TRANSPOSED>,
         tile::<7, 1, TRANSPOSED>,
         tile::<8, 1, TRANSPOSED>,
-        tile::<9, 1, TRANSPOSED>,
-        tile::<10, 1, TRANSPOSED>,
-        tile::<11, 1, TRANSPOSED>,
-        tile::<12, 1, TRANSPOSED>,
     ]
 }
 
