@@ -379,7 +379,9 @@ mod tests {
         }
 
         #[test]
-        fn the_same_where_products_fuse(n in 0usize..70, m in 1usize..70, heads in 1usize..4, width in 1usize..34, seed: u64) {
+        fn the_same_where_products_fuse(
+            (n, m) in (0usize..70, 1usize..70), heads in 1usize..4, width in 1usize..34, seed: u64,
+        ) {
             let x = attention_inputs(n, m, heads * width, heads * (width + 1), seed);
             let dy = normal(&[1, 97], seed ^ 9);
             same_where_products_fuse(|| both_ways(&|t, x| t.attention(x[0], x[1], x[2], heads), &x, dy.data()));

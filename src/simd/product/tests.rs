@@ -208,3 +208,23 @@ fn inner_sides_that_differ_are_refused() {
         &panels,
     );
 }
+
+#[test]
+fn panels_for_an_instruction_set_that_is_not_there_are_refused() {
+    for set in [InstructionSet::Avx2, InstructionSet::Avx512] {
+        let mut panels = Panels::new();
+        panels.fill_for(set, MatRef::window(&[1.0; 12], 3, 4, 4));
+        let run = || {
+            let mut out = [0.0; 8];
+            let target = Target { data: &mut out, stride: 4, base: Base::Zero };
+            multiply(target, MatRef::window(&[1.0; 6], 2, 3, 3), &panels);
+            out
+        };
+        let found = std::panic::catch_unwind(run);
+        if set.is_available() {
+            assert_eq!(found.unwrap(), [3.0; 8]);
+        } else {
+            assert!(found.is_err(), "{set:?} ran");
+        }
+    }
+}
