@@ -87,7 +87,16 @@ fn paper() -> Config {
             skip: None,
             radius: 0.35,
         },
-        bsp: BspConfig { channels: 128, reach: 0, average_positions: false, sheets: 0.0, ..default().bsp },
+        bsp: BspConfig {
+            channels: 128,
+            reach: 0,
+            average_positions: false,
+            layout: true,
+            charts: true,
+            slack: 1.0,
+            sheets: 0.0,
+            ..default().bsp
+        },
         bsp_pretrain: 0,
         bsp_every: 1,
         start: Start { shape: StartShape::Sphere, ..default().start },
