@@ -271,11 +271,11 @@ mod tests {
             assert_eq!(chart.place(&codes[i]), codes[i].map(|x| 0.5 * x));
             // What lies in a direction on the sphere lies there in space.
             for code in
-                codes.iter().filter(|c| (0..3).map(|d| (c[d] - codes[i][d]).powi(2)).sum::<f32>() < 0.04)
+                codes.iter().filter(|c| (0..3).map(|d| (c[d] - codes[i][d]).powi(2)).sum::<f32>() < 0.0225)
             {
                 let place = chart.place(code);
                 let off = (0..3).map(|d| (place[d] - 0.5 * code[d]).powi(2)).sum::<f32>().sqrt();
-                assert!(off < 0.02, "{off}");
+                assert!(off < 0.01, "{off}");
             }
             let radius = chart.radius(cap);
             let share = 0.5 * 2.0 / 400f32.sqrt();
