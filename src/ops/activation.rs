@@ -3,7 +3,7 @@
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::simd::{kernel, sigmoid_slice, softplus_sigmoid_slice};
-use crate::tensor::{Tensor, map, map2};
+use crate::tensor::{Tensor, map, map_to_two, map2};
 use std::sync::Arc;
 
 kernel! {
@@ -69,7 +69,7 @@ struct Softplus {
 /// Softplus and its derivative from one pass over x.
 fn softplus_pair(x: &Tensor, beta: f32) -> (Tensor, Tensor) {
     let (mut value, mut slope) = (x.dirty(x.dims()), x.dirty(x.dims()));
-    softplus_sigmoid_slice(value.data_mut(), slope.data_mut(), x.data(), beta);
+    map_to_two(&mut value, &mut slope, x, |value, slope, x| softplus_sigmoid_slice(value, slope, x, beta));
     (value, slope)
 }
 

@@ -52,15 +52,18 @@ impl Op<3> for Linear {
     }
     fn vjp(&self, at: At<'_, 3, ()>, dy: &Tensor) -> [Option<Tensor>; 3] {
         let [x, w, b] = at.x;
-        [
-            at.needs[0].then(|| matmul_nt(dy, w)),
-            at.needs[1].then(|| matmul_tn(x, dy)),
+        // Side by side: each of them alone has less to share out.
+        let dx = || at.needs[0].then(|| matmul_nt(dy, w));
+        let dw = || at.needs[1].then(|| matmul_tn(x, dy));
+        let db = || {
             at.needs[2].then(|| {
                 let mut db = dy.zeros_like_pool(b.dims());
                 add_row_sums(db.data_mut(), dy.data());
                 db
-            }),
-        ]
+            })
+        };
+        let (dx, (dw, db)) = rayon::join(dx, || (dw(), db()));
+        [dx, dw, db]
     }
 }
 

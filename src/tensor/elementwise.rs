@@ -24,6 +24,22 @@ pub(crate) fn map(x: &Tensor, f: impl Fn(&mut [f32], &[f32]) + Sync) -> Tensor {
     out
 }
 
+/// Calls `f(a, b, x)` on equal pieces of two tensors to be filled and of `x`, which has as many values; side by side on
+/// several threads if it is large.
+pub(crate) fn map_to_two(
+    a: &mut Tensor,
+    b: &mut Tensor,
+    x: &Tensor,
+    f: impl Fn(&mut [f32], &mut [f32], &[f32]) + Sync,
+) {
+    if x.len() < PARALLEL_MIN {
+        f(a.data_mut(), b.data_mut(), x.data());
+    } else {
+        let out = a.data_mut().par_chunks_mut(BLOCK).zip(b.data_mut().par_chunks_mut(BLOCK));
+        out.zip(x.data().par_chunks(BLOCK)).for_each(|((a, b), x)| f(a, b, x));
+    }
+}
+
 /// Calls `f(out, a, b)` on equal pieces of a new tensor and of two tensors of one shape.
 #[track_caller]
 pub(crate) fn map2(a: &Tensor, b: &Tensor, f: impl Fn(&mut [f32], &[f32], &[f32]) + Sync) -> Tensor {
