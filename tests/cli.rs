@@ -212,6 +212,8 @@ fn the_figures_of_the_parameterization_are_told_and_drawn() {
     fails(tiny(&cloud, &mesh).args(["--codes", "-"]), 2, &["pipe"]);
     let none = ["--set", "parameterization=upsample"];
     fails(tiny(&cloud, &mesh).args(none).arg("--codes").arg(dir.path("c")), 2, &["parameterization=bsp"]);
+    let none = ["--set", "parameterization=none", "--surface-points", "no-s.ply"];
+    fails(tiny(&cloud, &mesh).args(none), 2, &["parameterization=none"]);
     assert!(fs::read(&input).unwrap() == before);
     // Without codes S still has figures, and without S there are none.
     let of = |setting: &str| {

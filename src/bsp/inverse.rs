@@ -4,7 +4,6 @@ use super::{BspConfig, Neighbourhood, chart};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
 use rand::rngs::ChaCha8Rng;
-use std::sync::Arc;
 
 /// How far an output of 1 moves a point of S from its chart, in mean spacings of the cloud.
 const CHART_OFFSET: f32 = 0.1;

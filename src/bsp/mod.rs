@@ -46,13 +46,13 @@ pub struct BspConfig {
     /// Whether Psi averages the positions of the points it attends to and adds a learned offset, instead of making
     /// positions from nothing.
     pub average_positions: bool,
-    /// Whether codes begin in a layout that fills the sphere evenly and keeps neighbours together, with what the head of
-    /// Phi learns added to it. Without, as in the paper, they are what the head makes of the features: all in one spot
-    /// at first.
+    /// Whether codes begin in a layout that fills the sphere evenly and keeps neighbours together, with what the head
+    /// of Phi learns added to it. Without, as in the paper, they are what the head makes of the features: all in one
+    /// spot at first.
     pub layout: bool,
-    /// Whether Psi adds what it learns to a chart of each point: the patch as a disc around the point, with the point's
-    /// share of the surface, in the plane of its neighbours and bent as they are. Needs `layout`, and takes the place of
-    /// `average_positions`.
+    /// Whether Psi adds what it learns to a chart of each point: the patch as a disc around the point, with the
+    /// point's share of the surface, in the plane of its neighbours and bent as they are. Needs `layout`, and takes the
+    /// place of `average_positions`.
     pub charts: bool,
     /// L_para asks nothing of points of S that are nearer to the cloud than this share of their chart's radius: so that
     /// S need not lie on the points to be a surface through them. 0 as in the paper; has no effect without `charts`.

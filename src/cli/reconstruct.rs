@@ -101,6 +101,11 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let began = Instant::now();
     let (config, preset) = args.settings.build()?;
     let places = Places::of(args)?;
+    if args.surface_points.is_some() && config.parameterization == Parameterization::None {
+        return Err(Failure::Usage(
+            "--surface-points needs an S, which parameterization=none has not".into(),
+        ));
+    }
     if args.codes.is_some() && config.parameterization != Parameterization::Bsp {
         return Err(Failure::Usage("--codes needs codes, which only parameterization=bsp has".into()));
     }
