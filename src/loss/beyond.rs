@@ -60,8 +60,8 @@ impl Op<2> for Beyond {
 
 impl Tape {
     /// The mean over cloud a (n x 3) of max(0, distance to the nearest point of b (m x 3) - slack)^2, with a slack of
-    /// its own for every point of a (n); 1 x 1, in squared units of the clouds. With a slack of 0 it is one direction of
-    /// the squared Chamfer distance.
+    /// its own for every point of a (n); 1 x 1, in squared units of the clouds. With a slack of 0 it is one direction
+    /// of the squared Chamfer distance.
     ///
     /// Gradient: to both clouds, with the nearest neighbours held constant; 0 within the slack.
     ///
