@@ -1,11 +1,10 @@
 //! Charts: around every point of the cloud, a piece of a curved surface through it, seen from its code on the sphere.
 //!
 //! They give Psi something to start from that fills the gaps between points: the patch of codes around a point's code
-//! becomes a disc around the point, as large as its share of the surface, in the tangent plane of its neighbours and
-//! bent as they are. What Psi learns is added to it. The paper lets Psi make positions from nothing.
+//! becomes a disc around the point, as large as its share of the surface, in the plane of its normal (that of the first
+//! shape, or of its neighbours), tilted and bent as the neighbours lie. What Psi learns is added to it. The paper lets Psi make positions from nothing.
 
 use super::BspConfig;
-use super::layout::even_spacing;
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::tensor::Tensor;
 use nalgebra::{Matrix3, Matrix5, SymmetricEigen, Vector3, Vector5};
@@ -19,7 +18,7 @@ const SHARE_NEIGHBOUR: usize = 8;
 const OVERLAP: f64 = 1.1;
 /// Weight of flatness in the fit, where the weights of the neighbours are about 1.
 const FLAT: f64 = 0.01;
-/// How steep a chart may be at its rim, as a share of its radius.
+/// The greatest height of a chart at its rim, in radii.
 const MAX_RISE: f64 = 0.6;
 
 /// s = q + x t_1 + y t_2 + h(x, y) n with (x, y) = scale (<p - u, e_1>, <p - u, e_2>) and
@@ -84,7 +83,8 @@ pub(super) fn cap_radius(patch: usize, codes: usize) -> f32 {
 }
 
 /// The chart of one point, `q` with its `code`; `near` are its neighbours' places with their codes, itself not among
-/// them, from near to far; the normal, if it is known, of either sign.
+/// them, nearest first; the normal, if it is known, of either sign; `cap` the radius of a patch on the sphere. The axes
+/// on the sphere are turned, or mirrored and turned, so that directions to neighbours match those to their codes best.
 pub(super) fn chart(
     q: [f32; 3],
     code: [f32; 3],
@@ -113,7 +113,7 @@ pub(super) fn chart(
         let (x, y) = (step.dot(&t1), step.dot(&t2));
         let (v, w) = (on_sphere.dot(&e1), on_sphere.dot(&e2));
         let weight = weight(step) / (1e-12 + on_sphere.norm() * step.norm());
-        // z conj(w) and z w, of z = x + iy and w = v + iw.
+        // z conj(c) and z c, of z = x + iy in space and c = v + iw on the sphere.
         turned = [turned[0] + weight * (x * v + y * w), turned[1] + weight * (y * v - x * w)];
         mirrored = [mirrored[0] + weight * (x * v - y * w), mirrored[1] + weight * (y * v + x * w)];
     }
@@ -126,11 +126,12 @@ pub(super) fn chart(
     };
     if size(turn) > 0.0 {
         let (cos, sin) = (turn[0] / size(turn), turn[1] / size(turn));
-        // Turning the code's axes back is turning the plane.
+        // The axes turn so that the new (x, y) of a code is its old one, turned by the angle of `turn`.
         (e1, e2) = (e1 * cos - e2 * sin, e1 * sin + e2 * cos);
     }
 
-    let share = steps.get(SHARE_NEIGHBOUR - 1).or(steps.last()).map_or(0.0, Vector3::norm);
+    // Neighbours on the same sheet are ordered by more than their distance.
+    let share = steps.iter().take(SHARE_NEIGHBOUR).map(Vector3::norm).fold(0.0, f64::max);
     let radius = OVERLAP * share / (steps.len().clamp(1, SHARE_NEIGHBOUR) as f64).sqrt();
     let height = fit(&steps, [t1, t2, normal], unit, weight, radius);
     let narrow = |v: Vector3<f64>| [v.x as f32, v.y as f32, v.z as f32];
@@ -198,11 +199,6 @@ pub(super) fn charts(
             chart(points[i], codes[i], &near, normals.map(|m| m[i]), cap)
         })
         .collect()
-}
-
-/// How far the head of Phi moves codes for an output of 1: half of what lies between even codes.
-pub(super) fn code_step(n: usize) -> f32 {
-    0.5 * even_spacing(n)
 }
 
 /// The places of codes in the charts of their patches' centres.

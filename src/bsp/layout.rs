@@ -19,8 +19,15 @@ const RANGE: f32 = 1.6;
 const PUSH: f32 = 0.35;
 /// The share of the way to the mean of its neighbours that a code goes in the first round.
 const DRAW: f32 = 0.4;
-/// How much of a Fibonacci layout is mixed in, so that points of a plane or a line do not stay on a circle.
+/// How much of a Fibonacci layout is mixed in, so that points of a plane or a line do not stay on a circle; at most a
+/// quarter of a spacing.
 const MIXED: f64 = 0.05;
+
+/// How far the head of Phi moves codes for an output of 1: half of what lies between even codes, and not farther than
+/// the radius `cap` of a patch.
+pub(super) fn code_step(n: usize, cap: f32) -> f32 {
+    (0.5 * even_spacing(n)).min(cap)
+}
 
 /// The distance between neighbours where n codes lie on the unit sphere in hexagons.
 pub(super) fn even_spacing(n: usize) -> f32 {
@@ -30,9 +37,12 @@ pub(super) fn even_spacing(n: usize) -> f32 {
 /// One code a point, n x 3, unit length; `neighbours` lists k points for each (n k), of which the point itself may be
 /// one.
 ///
-/// The points are centred, scaled to the same variance along all axes and projected onto the sphere. Then codes push
-/// those around them away and are drawn to the mean of their neighbours', less and less and in the end not at all. The
-/// same for any number of threads.
+/// The points are centred, scaled to the same variance along all axes and projected onto the sphere, with a little of a
+/// Fibonacci layout mixed in. Then codes push those around them away and are drawn to the mean of the codes of their
+/// points' neighbours, less and less and in the end not at all. The same for any number of threads.
+///
+/// The rounds are as many as a few hundred points need: codes of tens of thousands that begin in a clump are not even
+/// after them.
 ///
 /// # Panics
 /// If the number of neighbours is not a multiple of that of the points.
@@ -88,9 +98,10 @@ fn projected(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let scales = eigen.eigenvalues.map(|v| 1.0 / (v / largest).max(1e-4).sqrt());
     let whiten = eigen.eigenvectors * Matrix3::from_diagonal(&scales) * eigen.eigenvectors.transpose();
     let even = fibonacci_sphere(points.len());
+    let mixed = MIXED.min(0.25 * f64::from(even_spacing(points.len())));
     let place = |(p, even): (&[f32; 3], &[f32; 3])| {
         let d = whiten * (wide(p) - mean);
-        let d = d.try_normalize(1e-12).unwrap_or_else(Vector3::zeros) + MIXED * wide(even);
+        let d = d.try_normalize(1e-12).unwrap_or_else(Vector3::zeros) + mixed * wide(even);
         unit([d.x as f32, d.y as f32, d.z as f32]).unwrap_or(*even)
     };
     points.iter().zip(&even).map(place).collect()

@@ -51,7 +51,7 @@ pub struct BspConfig {
     /// spot at first.
     pub layout: bool,
     /// Whether Psi adds what it learns to a chart of each point: the patch as a disc around the point, with the
-    /// point's share of the surface, in the plane of its neighbours and bent as they are. Needs `layout`, and takes the
+    /// point's share of the surface, in the plane of its normal and bent as its neighbours lie. Needs `layout`, and takes the
     /// place of `average_positions`.
     pub charts: bool,
     /// L_para asks nothing of points of S that are nearer to the cloud than this share of their chart's radius: so that
@@ -109,7 +109,14 @@ impl Bsp {
         let canonical = Canonical::new(&mut params.scope("phi"), config.channels, rng);
         let sampler = PatchSampler::new(config.codes(n), config.patch);
         let inverse = Inverse::new(&mut params.scope("psi"), &config, points, rng);
-        Bsp { config, params, canonical, sampler, inverse, code_step: chart::code_step(n) }
+        Bsp {
+            config,
+            params,
+            canonical,
+            sampler,
+            inverse,
+            code_step: layout::code_step(n, chart::cap_radius(config.patch, config.codes(n))),
+        }
     }
 
     /// The sizes.

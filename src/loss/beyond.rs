@@ -66,12 +66,17 @@ impl Tape {
     /// Gradient: to both clouds, with the nearest neighbours held constant; 0 within the slack.
     ///
     /// # Panics
-    /// If a cloud is empty, does not have 3 columns or is not finite, or there is not one slack a point.
+    /// If a cloud is empty, does not have 3 columns or is not finite, or there is not one slack a point, finite and not
+    /// negative.
     #[track_caller]
     pub fn distance_beyond(&mut self, a: Var, b: Var, slack: Arc<[f32]>) -> Var {
         let (x, y) = (self.value(a), self.value(b));
         let fits = [x, y].iter().all(|t| t.cols() == 3 && !t.is_empty()) && slack.len() == x.rows();
         assert!(fits, "distance_beyond: {:?} and {:?}, {} slacks", x.shape(), y.shape(), slack.len());
+        assert!(
+            slack.iter().all(|h| h.is_finite() && *h >= 0.0),
+            "distance_beyond: a slack below 0 or not finite"
+        );
         self.apply(Beyond { slack }, [a, b])
     }
 }
@@ -100,6 +105,15 @@ mod tests {
         let beyond = t.distance_beyond(a, b, vec![0.0; 40].into());
         let chamfer = t.chamfer(a, b, Direction::FORWARD);
         assert!((t.value(beyond).item() - t.value(chamfer).item()).abs() < 1e-6);
+    }
+
+    #[test]
+    fn points_in_one_place_have_no_gradient() {
+        let mut t = Tape::new();
+        let a = t.input(Tensor::from_points(&[[1.0, 2.0, 3.0]]));
+        let b = t.constant(Tensor::from_points(&[[1.0, 2.0, 3.0]]));
+        let y = t.distance_beyond(a, b, vec![0.0].into());
+        assert_eq!(t.backward(y).get(a).unwrap().data(), [0.0; 3]);
     }
 
     #[test]

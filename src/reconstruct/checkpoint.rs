@@ -14,8 +14,8 @@ use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const CHECKPOINT: &str = "checkpoint 3";
-const RECONSTRUCTION: &str = "reconstruction 1";
+const CHECKPOINT: &str = "checkpoint 4";
+const RECONSTRUCTION: &str = "reconstruction 2";
 
 impl Trainer {
     /// Saves everything that the rest of the run depends on, so that a run resumed from the file ends in the same
@@ -264,6 +264,7 @@ fn read_params(store: &Store, prefix: &str, params: &mut Params) {
 mod tests {
     use super::super::tests::{ball, bits, noisy, poison, run, tiny};
     use super::*;
+    use crate::bsp::BspConfig;
     use crate::bsp::Parameterization;
     use crate::gdo::Deformation;
     use crate::reconstruct::Batch;
@@ -288,7 +289,12 @@ mod tests {
         // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between two
         // searches for the band.
         let stops = &[0, 1, 25, 30, 33, 35, 36, 39][..];
-        let exact = [tiny(), blocks, sparse, upsample, offset].map(|config| (points.clone(), config, stops));
+        let mut charts = tiny();
+        charts.bsp =
+            BspConfig { layout: true, charts: true, slack: 1.0, average_positions: false, ..charts.bsp };
+        let small = Config { batch: blocks.batch, ..charts.clone() };
+        let exact = [tiny(), blocks, sparse, upsample, offset, charts, small]
+            .map(|config| (points.clone(), config, stops));
         for (points, config, stops) in exact.into_iter().chain([(scattered, finer, &stops[6..])]) {
             let straight = bits(&run(&points, &config));
             for &stop in stops {

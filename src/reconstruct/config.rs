@@ -243,10 +243,9 @@ impl Config {
         within("bsp.patch", b.patch, 1, 256)?;
         within("bsp.reach", b.reach, 0, 4096)?;
         positive("bsp.sphere", b.sphere, 100.0)?;
-        let advice = "set bsp.layout = true: charts are laid out around the codes";
-        check("bsp.charts", b.layout || !b.charts, b.charts, advice)?;
-        let advice = "set bsp.average_positions = false: the charts are the positions";
-        check("bsp.charts", !(b.charts && b.average_positions), b.charts, advice)?;
+        let advice = "set bsp.layout = true and bsp.average_positions = false (and bsp.slack = 1, as the preset paper), \
+                      or bsp.charts = false";
+        check("bsp.charts", !b.charts || (b.layout && !b.average_positions), b.charts, advice)?;
         check("bsp.slack", (0.0..=100.0).contains(&b.slack), b.slack, "use a number from 0 to 100")?;
         check("bsp.sheets", (0.0..=100.0).contains(&b.sheets), b.sheets, "use a number from 0 to 100")?;
         if let Parameterization::Multiple { maps } = self.parameterization {
@@ -397,6 +396,8 @@ mod tests {
             ("bsp.channels", "63"),
             ("bsp.sphere", "NaN"),
             ("bsp.patch", "0"),
+            ("bsp.charts", "true"),
+            ("bsp.slack", "-1"),
             ("weights.para", "-1"),
             ("weights.points", "inf"),
             ("stages", "2:100"),

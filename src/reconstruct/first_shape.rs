@@ -8,6 +8,7 @@ use crate::gdo::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, gau
 use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
 use crate::loss::Direction;
 use crate::tensor::Tensor;
+use std::sync::Arc;
 
 /// Widths that are tried where `start.width` is 0.
 const WIDTHS: [f32; 3] = [0.25, 0.5, 1.0];
@@ -117,15 +118,19 @@ pub(super) fn shape_term(
     context: Var,
     block: &Neighbourhood,
     around: &Around,
+    slack: Option<Arc<[f32]>>,
 ) -> Var {
     let b = block.centres().len();
     let all = with_samples(tape, context, &around.points);
-    if b == block.context().len() {
+    if b == block.context().len() && slack.is_none() {
         return tape.chamfer(surface, all, Direction::BOTH);
     }
     let centres = tape.slice_rows(context, 0..b);
     let own = with_samples(tape, centres, &around.points[..around.own]);
-    let out = tape.chamfer(surface, all, Direction::FORWARD);
+    let out = match slack {
+        None => tape.chamfer(surface, all, Direction::FORWARD),
+        Some(slack) => tape.distance_beyond(surface, all, slack),
+    };
     let back = tape.chamfer(surface, own, Direction::BACKWARD);
     tape.add(out, back)
 }

@@ -110,12 +110,13 @@ impl Trainer {
         tape.clear();
         let p = map.params().bind(tape, true);
         let (surface, context) = forward_map(tape, map, &p, &self.cloud, block)?;
+        let slack = map.slack(block, self.cloud.len());
         let para = match &self.shape {
             Some(shape) if self.config.bsp_pretrain_on_shape => {
                 let around = shape.around(block);
-                shape_term(tape, surface, context, block, &around)
+                shape_term(tape, surface, context, block, &around, slack)
             }
-            _ => para_term(tape, surface, context, block, map.slack(block, self.cloud.len())),
+            _ => para_term(tape, surface, context, block, slack),
         };
         let loss = tape.value(para).item();
         let gradients = p.collect(&mut tape.backward(para));

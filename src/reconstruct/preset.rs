@@ -11,7 +11,8 @@ use std::str::FromStr;
 /// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Preset {
-    /// The equations, constants and field of the paper; what it leaves open keeps a run at minutes.
+    /// The terms, weights and field of the paper, with codes and patches that begin spread out (`benches/paper.md`);
+    /// what it leaves open keeps a run at minutes.
     Paper,
     /// A quick look.
     Fast,
@@ -73,7 +74,7 @@ impl Default for Config {
     }
 }
 
-/// The terms and weights of the paper. It leaves the rates, the steps and the grid open; these keep a run at a few
+/// The terms and weights of the paper, with our layout, charts and slack (`benches/paper.md`). It leaves the rates, the steps and the grid open; these keep a run at a few
 /// minutes.
 fn paper() -> Config {
     Config {

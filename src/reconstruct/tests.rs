@@ -2,7 +2,7 @@
 
 use super::bridges::Bridges;
 use super::*;
-use crate::bsp::{Parameterization, SurfaceMap};
+use crate::bsp::{BspConfig, Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
 use crate::gdo::{Activation, Deformation};
 use crate::geometry::Shape;
@@ -365,7 +365,9 @@ fn the_threads_do_not_change_a_byte() {
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
     let samples = Config { surface_samples: 300, ..tiny() };
     let (scattered, finer) = noisy(120);
-    let exact = [tiny(), large, offset, samples].map(|config| (points.clone(), config));
+    let mut charts = large.clone();
+    charts.bsp = BspConfig { layout: true, charts: true, slack: 1.0, average_positions: false, ..charts.bsp };
+    let exact = [tiny(), large, offset, samples, charts].map(|config| (points.clone(), config));
     for (points, config) in exact.into_iter().chain([(scattered, finer)]) {
         let on = |threads: usize| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
