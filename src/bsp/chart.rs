@@ -2,7 +2,8 @@
 //!
 //! They give Psi something to start from that fills the gaps between points: the patch of codes around a point's code
 //! becomes a disc around the point, as large as its share of the surface, in the plane of its normal (that of the first
-//! shape, or of its neighbours), tilted and bent as the neighbours lie. What Psi learns is added to it. The paper lets Psi make positions from nothing.
+//! shape, or of its neighbours), tilted and bent as the neighbours lie. What Psi learns is added to it. The paper lets
+//! Psi make positions from nothing.
 
 use super::BspConfig;
 use crate::autodiff::{At, Op, Tape, Var};

@@ -51,8 +51,8 @@ pub struct BspConfig {
     /// spot at first.
     pub layout: bool,
     /// Whether Psi adds what it learns to a chart of each point: the patch as a disc around the point, with the
-    /// point's share of the surface, in the plane of its normal and bent as its neighbours lie. Needs `layout`, and takes the
-    /// place of `average_positions`.
+    /// point's share of the surface, in the plane of its normal and bent as its neighbours lie. Needs `layout`, and
+    /// takes the place of `average_positions`.
     pub charts: bool,
     /// L_para asks nothing of points of S that are nearer to the cloud than this share of their chart's radius: so that
     /// S need not lie on the points to be a surface through them. 0 as in the paper; has no effect without `charts`.

@@ -2,8 +2,14 @@
 
 use super::tests::{ball, quick, tiny};
 use super::*;
-use crate::bsp::Parameterization;
+use crate::bsp::{BspConfig, Parameterization};
 use std::ops::ControlFlow;
+
+/// The options with codes in a layout, charts and slack.
+pub(super) fn with_charts(mut config: Config) -> Config {
+    config.bsp = BspConfig { layout: true, charts: true, slack: 1.0, average_positions: false, ..config.bsp };
+    config
+}
 
 #[test]
 fn every_ablation_runs() {

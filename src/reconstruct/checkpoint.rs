@@ -264,10 +264,10 @@ fn read_params(store: &Store, prefix: &str, params: &mut Params) {
 mod tests {
     use super::super::tests::{ball, bits, noisy, poison, run, tiny};
     use super::*;
-    use crate::bsp::BspConfig;
     use crate::bsp::Parameterization;
     use crate::gdo::Deformation;
     use crate::reconstruct::Batch;
+    use crate::reconstruct::ablations::with_charts;
     use std::path::PathBuf;
 
     fn file(name: &str) -> PathBuf {
@@ -289,9 +289,7 @@ mod tests {
         // In every phase (30, 5 and 12 steps; none to pretrain without a parameterization), at its ends and between two
         // searches for the band.
         let stops = &[0, 1, 25, 30, 33, 35, 36, 39][..];
-        let mut charts = tiny();
-        charts.bsp =
-            BspConfig { layout: true, charts: true, slack: 1.0, average_positions: false, ..charts.bsp };
+        let charts = with_charts(tiny());
         let small = Config { batch: blocks.batch, ..charts.clone() };
         let exact = [tiny(), blocks, sparse, upsample, offset, charts, small]
             .map(|config| (points.clone(), config, stops));

@@ -74,8 +74,8 @@ impl Default for Config {
     }
 }
 
-/// The terms and weights of the paper, with our layout, charts and slack (`benches/paper.md`). It leaves the rates, the steps and the grid open; these keep a run at a few
-/// minutes.
+/// The terms and weights of the paper, with our layout, charts and slack (`benches/paper.md`). It leaves the rates, the
+/// steps and the grid open; these keep a run at about a minute.
 fn paper() -> Config {
     Config {
         denoise: false,

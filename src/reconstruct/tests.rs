@@ -2,7 +2,7 @@
 
 use super::bridges::Bridges;
 use super::*;
-use crate::bsp::{BspConfig, Parameterization, SurfaceMap};
+use crate::bsp::{Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
 use crate::gdo::{Activation, Deformation};
 use crate::geometry::Shape;
@@ -365,8 +365,7 @@ fn the_threads_do_not_change_a_byte() {
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
     let samples = Config { surface_samples: 300, ..tiny() };
     let (scattered, finer) = noisy(120);
-    let mut charts = large.clone();
-    charts.bsp = BspConfig { layout: true, charts: true, slack: 1.0, average_positions: false, ..charts.bsp };
+    let charts = super::ablations::with_charts(large.clone());
     let exact = [tiny(), large, offset, samples, charts].map(|config| (points.clone(), config));
     for (points, config) in exact.into_iter().chain([(scattered, finer)]) {
         let on = |threads: usize| {
