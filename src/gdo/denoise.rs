@@ -5,8 +5,9 @@
 //! Gaussian process a thin plate says not only where a point should be, but also how sure of that it is. Exact points
 //! that lie close together are foreseen well; noise shows in them first.
 
+use super::forecast::{Forecast, covariances, forecasts};
 use super::thin_plate::{MAX_CENTRES, System, directions};
-use nalgebra::{DVector, Matrix4, Vector3, Vector4};
+use nalgebra::Matrix4;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
@@ -135,51 +136,6 @@ fn on_surface(system: &System, points: &[[f32; 3]], centres: &[[f64; 3]], gradie
     Denoised { points: moved, moved: (square / values.len() as f64).sqrt() }
 }
 
-/// What all other points say of one.
-#[derive(Clone, Copy, Debug)]
-struct Forecast {
-    /// |f| at the point, f being the function that the others determine: how far it is from their surface, to first
-    /// order (working frame).
-    error: f64,
-    /// The variance of that for a plate of unit amplitude, the smoothing included.
-    variance: f64,
-    /// |grad f| there. Where the gradients that the others have do not go together it is less than 1, and f is less
-    /// than the distance.
-    slope: f64,
-}
-
-/// The covariance of the value and the gradient at each of n points given all others, for unit amplitude: with B the
-/// data's block of the system's inverse and I the four data of a point (B_II)^-1; NaN where rounding has left none.
-fn covariances(system: &System) -> Vec<Matrix4<f64>> {
-    let n = system.energy().nrows() / 4;
-    let covariance = |i: usize| {
-        let own = data_of(n, i);
-        let block = Matrix4::from_fn(|a, b| system.energy()[(own[a], own[b])]);
-        block.cholesky().map_or(Matrix4::from_element(f64::NAN), |factor| factor.inverse())
-    };
-    (0..n).map(covariance).collect()
-}
-
-/// What the others say of each of n points, with these gradients (3 n, unit): leaving out the data I of a point changes
-/// the data d there by (B_II)^-1 (B d)_I, so no system is solved anew.
-fn forecasts(system: &System, covariances: &[Matrix4<f64>], gradients: &[f64]) -> Vec<Forecast> {
-    let n = gradients.len() / 3;
-    let data = DVector::from_fn(4 * n, |i, _| if i < n { 0.0 } else { gradients[i - n] });
-    let weights = system.energy() * &data;
-    let forecast = |(i, covariance): (usize, &Matrix4<f64>)| {
-        let own = data_of(n, i);
-        let change = covariance * Vector4::from_fn(|a, _| weights[own[a]]);
-        let gradient = Vector3::from_fn(|k, _| data[own[k + 1]] - change[k + 1]);
-        Forecast { error: change[0].abs(), variance: covariance[(0, 0)], slope: gradient.norm() }
-    };
-    covariances.iter().enumerate().map(forecast).collect()
-}
-
-/// The rows of a point's value and gradient among those of n points.
-fn data_of(n: usize, i: usize) -> [usize; 4] {
-    [i, n + 3 * i, n + 3 * i + 1, n + 3 * i + 2]
-}
-
 /// The standard deviation of the noise that a smoothing parameter stands for: a value of variance `smoothing` for a
 /// plate of unit amplitude, times the amplitude that its forecasts speak for. That is taken from their median, for
 /// edges, too, are foreseen badly.
@@ -227,10 +183,9 @@ fn choose(forecasts: &[Vec<Forecast>]) -> Option<usize> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{gauss_shapes, thin_plate::saddle};
+    use super::super::gauss_shapes;
     use super::*;
     use crate::geometry::{Shape, TriangleBvh};
-    use nalgebra::DMatrix;
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;
@@ -307,49 +262,6 @@ mod tests {
         // Nor is there an error where the points determine no surface.
         let flat = vec![[0.25, 0.25, 0.25]; 60];
         assert_eq!(denoise(&flat, &vec![[0.0, 0.0, 1.0]; 60]).moved, 0.0);
-    }
-
-    /// Against surfaces that were really made without the point, and the covariance of a Gaussian process given the
-    /// rest by its definition.
-    #[test]
-    fn forecasts_are_those_of_leaving_points_out() {
-        let (points, normals) = TORUS.sample(24, 5);
-        let centres: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
-        let gradients = directions(&normals);
-        for smoothing in [1e-4, 1e-2] {
-            let of = |centres: &[[f64; 3]]| System::new(centres).unwrap().smoothed(smoothing).unwrap();
-            let system = of(&centres);
-            let fast = forecasts(&system, &covariances(&system), &gradients);
-            let whole = saddle(&centres, smoothing);
-            for i in 0..24 {
-                let (mut rest, mut along) = (centres.clone(), gradients.clone());
-                rest.remove(i);
-                along.drain(3 * i..3 * i + 3);
-                let without = of(&rest).interpolant(&rest, &along);
-                let want = f64::from(without.sdf(&points[i..=i])[0].abs());
-                let shifted = |k: usize, step: f32| {
-                    let mut p = points[i];
-                    p[k] += step;
-                    without.sdf(&[p])[0]
-                };
-                let slope =
-                    (0..3).map(|k| ((shifted(k, 1e-3) - shifted(k, -1e-3)) / 2e-3).powi(2)).sum::<f32>();
-                let slope = f64::from(slope.sqrt());
-                assert!((fast[i].slope - slope).abs() < 1e-4, "{} is not {slope}", fast[i].slope);
-                assert!(
-                    (fast[i].error - want).abs() < 1e-5 * want.max(0.1),
-                    "{} is not {want}",
-                    fast[i].error
-                );
-                let own = [i, 24 + 3 * i, 25 + 3 * i, 26 + 3 * i];
-                let others: Vec<usize> = (0..100).filter(|row| !own.contains(row)).collect();
-                let between = DVector::from_fn(96, |a, _| whole[(others[a], i)]);
-                let among = DMatrix::from_fn(96, 96, |a, b| whole[(others[a], others[b])]);
-                let want = whole[(i, i)] - between.dot(&among.lu().solve(&between).unwrap());
-                let got = fast[i].variance;
-                assert!((got - want).abs() < 1e-6 * want, "{got} is not {want}");
-            }
-        }
     }
 
     /// Forecasts of 39 points, no two alike; slopes from `least` on.

@@ -101,7 +101,8 @@ impl Trainer {
         if self.config.weights.bridge == 0.0 || !due || step < self.bridges.looked {
             return Ok(());
         }
-        let mesh = match zero_level_set(&self.field, &self.cloud, RESOLUTION, self.config.min_component) {
+        let sdf = |x: &[[f32; 3]]| self.field.sdf(x);
+        let mesh = match zero_level_set(&sdf, &self.cloud, RESOLUTION, self.config.min_component) {
             Ok(mesh) => mesh,
             // The step itself will say so, if its grid sees none either.
             Err(e) if e.kind() == ErrorKind::NoSurface => return Ok(()),

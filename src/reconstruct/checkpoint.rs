@@ -1,11 +1,13 @@
 //! Saving a run or its result, and taking it up again.
 
 use super::bridges::Bridges;
+use super::model::{FoundShape, Shape};
+use super::step::FAR;
 use super::store::{Checksum, Store, damaged};
 use super::trainer::{Learned, RECOVERIES, Snapshot, blank_field, prepare};
 use super::{Config, Preset, Reconstruction, Trainer};
 use crate::error::{Error, ErrorKind};
-use crate::geometry::Normalizer;
+use crate::geometry::{Normalizer, TriangleMesh};
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
 use crate::tensor::Tensor;
@@ -14,8 +16,12 @@ use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const CHECKPOINT: &str = "checkpoint 4";
-const RECONSTRUCTION: &str = "reconstruction 2";
+const CHECKPOINT: &str = "checkpoint 5";
+const RECONSTRUCTION: &str = "reconstruction 3";
+/// Vertices and faces (as numbers) of a result that is the first shape itself; each n x 3.
+const FOUND: [&str; 2] = ["shape.verts", "shape.faces"];
+/// Points that a result is finished for, n x 3: those of the cloud without their noise.
+const FINISH: &str = "finish.points";
 
 impl Trainer {
     /// Saves everything that the rest of the run depends on, so that a run resumed from the file ends in the same
@@ -98,8 +104,21 @@ impl Reconstruction {
         put_config(&mut store, &self.config);
         let frame = self.normalizer.to_array().map(|v| format!("{:016x}", v.to_bits()));
         store.put("frame", frame.join(" "));
-        for (_, name, value) in self.field.params().iter() {
-            store.tensors.insert(name.into(), value.clone());
+        match &self.shape {
+            Shape::Learned(field) => {
+                for (_, name, value) in field.params().iter() {
+                    store.tensors.insert(name.into(), value.clone());
+                }
+            }
+            Shape::Found(FoundShape { mesh, .. }) => {
+                store.tensors.insert(FOUND[0].into(), Tensor::from_points(&mesh.verts));
+                // Exact up to 2^24 vertices; first shapes have some ten thousand.
+                let faces: Vec<[f32; 3]> = mesh.faces.iter().map(|f| f.map(|v| v as f32)).collect();
+                store.tensors.insert(FOUND[1].into(), Tensor::from_points(&faces));
+            }
+        }
+        if let Some(finish) = &self.finish {
+            store.tensors.insert(FINISH.into(), Tensor::from_points(finish.points()));
         }
         store.tensors.insert("cloud".into(), Tensor::from_points(&self.cloud));
         store.tensors.insert("surface".into(), Tensor::from_points(&self.surface));
@@ -134,9 +153,13 @@ impl Reconstruction {
             .map_err(|e| damaged("its frame cannot be used").caused_by(e))?;
 
         let mut field = blank_field(&config, &mut ChaCha8Rng::seed_from_u64(config.seed));
-        let mut expected: BTreeMap<String, Tensor> =
-            field.params().iter().map(|(_, name, value)| (name.to_string(), value.clone())).collect();
-        for name in ["cloud", "surface"] {
+        let found = store.tensors.contains_key(FOUND[0]).then_some(FOUND);
+        let finished = store.tensors.contains_key(FINISH).then_some(FINISH);
+        let mut expected: BTreeMap<String, Tensor> = match found {
+            Some(_) => BTreeMap::new(),
+            None => field.params().iter().map(|(_, name, value)| (name.to_string(), value.clone())).collect(),
+        };
+        for name in ["cloud", "surface"].into_iter().chain(found.into_iter().flatten()).chain(finished) {
             let rows = store.tensors.get(name).map_or(0, Tensor::rows);
             expected.insert(name.into(), Tensor::zeros(&[rows, 3]));
         }
@@ -146,9 +169,36 @@ impl Reconstruction {
         if cloud.is_empty() || !store.tensors["cloud"].is_finite() {
             return Err(damaged("its cloud is empty or not finite"));
         }
-        read_params(store, "", field.params_mut());
-        Ok(Reconstruction { config, normalizer, cloud, field, surface, coverage: None })
+        let shape = match found {
+            Some([verts, faces]) => Shape::Found(read_found(points(verts), &points(faces))?),
+            None => {
+                read_params(store, "", field.params_mut());
+                Shape::Learned(field)
+            }
+        };
+        let finish = match finished.map(points) {
+            Some(points) if near(&points) => shape.finished_for(&points, &config),
+            Some(_) => return Err(damaged("the points that it is finished for are not finite")),
+            None => None,
+        };
+        Ok(Reconstruction { config, normalizer, cloud, shape, finish, surface, coverage: None })
     }
+}
+
+fn read_found(verts: Vec<[f32; 3]>, faces: &[[f32; 3]]) -> Result<FoundShape, Error> {
+    let count = verts.len() as f32;
+    let number = |v: f32| v.fract() == 0.0 && (0.0..count).contains(&v);
+    if !faces.iter().flatten().all(|&v| number(v)) || !near(&verts) {
+        return Err(damaged("its shape is not a mesh"));
+    }
+    let faces = faces.iter().map(|f| f.map(|v| v as u32)).collect();
+    FoundShape::new(TriangleMesh { verts, faces })
+        .map_err(|e| damaged("its shape is not a mesh").caused_by(e))
+}
+
+fn near(points: &[[f32; 3]]) -> bool {
+    // Written so that NaN is refused.
+    points.as_flattened().iter().all(|x| x.abs() < FAR)
 }
 
 fn check_kind(store: &Store, expected: &str) -> Result<(), Error> {

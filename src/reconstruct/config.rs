@@ -36,6 +36,17 @@ pub struct Start {
     pub rate: f32,
 }
 
+/// What is done to the field after the training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finishing {
+    /// Nothing.
+    None,
+    /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
+    /// points foretell each other ([`Finish`](crate::gdo::Finish)); for clouds of 20 to 2,048 points, others are left
+    /// as they are.
+    Points,
+}
+
 /// What the extracted surface is drawn to; the cloud alone if there is no parameterization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Target {
@@ -142,7 +153,8 @@ pub struct Config {
     pub deformation: Deformation,
     /// Weights of the loss terms.
     pub weights: Weights,
-    /// Resolutions and steps of the training, in order.
+    /// Resolutions and steps of the training, in order. With none, nothing is trained, and the result is the first shape
+    /// itself.
     pub stages: Vec<Stage>,
     /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another area they
     /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the spacing of
@@ -161,6 +173,8 @@ pub struct Config {
     pub field_rate: Schedule,
     /// Learning rate of the parameterization. Default 1e-3 after a warm-up of 20 steps, then a cosine.
     pub bsp_rate: Schedule,
+    /// What is done to the field after the training. Default `points`; the paper does nothing.
+    pub finish: Finishing,
     /// Largest length of the field's gradient, which is scaled down to it; 0 for none. Default 0.
     pub clip: f64,
     /// A part of the mesh whose area is below this share of the largest part's area is dropped. Default 0.01.
@@ -175,10 +189,11 @@ pub(super) const MOST_STEPS: usize = 10_000_000;
 pub(super) const MOST_DRAWN: usize = 10_000_000;
 
 impl Config {
-    /// The steps of a phase. A sphere needs no start, and without a parameterization, or one that has nothing to learn,
+    /// The steps of a phase; none without `stages`. A sphere needs no start, and without a parameterization, or one that has nothing to learn,
     /// there is none to pretrain.
     pub fn steps_in(&self, phase: Phase) -> usize {
         match phase {
+            _ if self.stages.is_empty() => 0,
             Phase::Start if self.start.shape == StartShape::Sphere => 0,
             Phase::Start => self.start.steps,
             Phase::Pretrain => match self.parameterization {
@@ -276,11 +291,14 @@ impl Config {
         ] {
             not_negative(key, f64::from(weight))?;
         }
+        if self.stages.is_empty() {
+            let advice =
+                "give a stage, such as stages = \"32:400\" (resolution:steps), or another start.shape";
+            check("stages", self.start.shape != StartShape::Sphere, "no training of a sphere", advice)?;
+        }
         let drawn = w.deform + w.pull + w.cover + w.points;
         let advice = "give weights.deform, weights.pull, weights.cover or weights.points a positive weight";
         check("weights", drawn > 0.0, "nothing draws the surface to the points", advice)?;
-        let advice = "give at least one stage, such as stages = \"32:400\" (resolution:steps)";
-        check("stages", !self.stages.is_empty(), "none given", advice)?;
         for stage in &self.stages {
             let fits = (4..=1024).contains(&stage.resolution);
             check("stages", fits, format!("resolution {}", stage.resolution), "use 4 to 1024 cubes")?;
@@ -292,7 +310,7 @@ impl Config {
         let least = w.deform * w.deform_decay;
         let advice = "use 0, or so much that weights.deform times weights.deform_decay is at least 1e-20";
         check("weights.deform", w.deform == 0.0 || least >= 1e-20, w.deform, advice)?;
-        within("stages", self.stages.len(), 1, 100)?;
+        within("stages", self.stages.len(), 0, 100)?;
         within("band.refresh", self.band.refresh, 1, 1_000_000)?;
         within("band.rings", self.band.rings, 0, 64)?;
         not_negative("batch.thin", f64::from(self.batch.thin))?;

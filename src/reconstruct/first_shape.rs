@@ -18,6 +18,8 @@ const MOST_PLATE_POINTS: usize = 1024;
 
 /// The shape, in the forms that are asked for.
 pub(super) struct FirstShape {
+    /// The shape, a closed mesh in the working frame.
+    pub mesh: TriangleMesh,
     /// The field's regression to it.
     pub fit: ShapeFit,
     /// The cloud that it was found for: without the noise of its points, if that is asked for and there is some.
@@ -75,15 +77,15 @@ impl FirstShape {
             // Points that determine no surface of least bending still have the rough ones.
             None => rough.swap_remove(best_fitting(&rough, &cloud.points, seed)?),
         };
-        Self::of(&mesh, cloud, seed, samples).map(Some)
+        Self::of(mesh, cloud, seed, samples).map(Some)
     }
 
-    fn of(mesh: &TriangleMesh, cloud: Denoised, seed: u64, samples: usize) -> Result<Self, Error> {
+    fn of(mesh: TriangleMesh, cloud: Denoised, seed: u64, samples: usize) -> Result<Self, Error> {
         let area = mesh.topology().area;
-        let normals = TriangleBvh::new(mesh)?.normals_near(&cloud.points);
-        let samples = sample_surface(mesh, samples, seed)?.points;
+        let normals = TriangleBvh::new(&mesh)?.normals_near(&cloud.points);
+        let samples = sample_surface(&mesh, samples, seed)?.points;
         let owners = if samples.is_empty() { Vec::new() } else { nearest_points(&samples, &cloud.points).0 };
-        Ok(FirstShape { fit: ShapeFit::new(mesh, seed)?, cloud, area, normals, samples, owners })
+        Ok(FirstShape { fit: ShapeFit::new(&mesh, seed)?, mesh, cloud, area, normals, samples, owners })
     }
 
     /// The samples around the points of a block.

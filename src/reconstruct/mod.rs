@@ -27,7 +27,7 @@ mod store;
 mod trainer;
 
 pub use coded::Coded;
-pub use config::{Band, Batch, Config, Stage, Start, StartShape, Target, Weights};
+pub use config::{Band, Batch, Config, Finishing, Stage, Start, StartShape, Target, Weights};
 pub use model::Reconstruction;
 pub use phases::Phase;
 pub use preset::Preset;

@@ -1,10 +1,11 @@
 //! The result: a field and what comes with it, in the input's frame.
 
-use super::Config;
+use super::{Config, Finishing};
 use crate::bsp::Coverage;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::Field;
-use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleMesh, extract};
+use crate::gdo::{FINISHED_POINTS, Field, Finish};
+use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleBvh, TriangleMesh, extract};
+use rayon::prelude::*;
 
 /// A signed distance field, the parameterized surface and the cloud that both come from.
 ///
@@ -15,27 +16,106 @@ pub struct Reconstruction {
     pub(super) normalizer: Normalizer,
     /// Distinct points, input frame.
     pub(super) cloud: Vec<[f32; 3]>,
-    pub(super) field: Field,
+    pub(super) shape: Shape,
+    /// What is blended into the shape, if [`Config::finish`] asks for it and the points allow it.
+    pub(super) finish: Option<Finish>,
     /// S, working frame.
     pub(super) surface: Vec<[f32; 3]>,
     pub(super) coverage: Option<Coverage>,
 }
 
+/// What a run ends with before it is finished, in the working frame.
+#[derive(Clone, Debug)]
+pub(super) enum Shape {
+    /// A trained network.
+    Learned(Field),
+    /// The first shape itself, where nothing was to be trained.
+    Found(FoundShape),
+}
+
+/// A closed mesh as a signed distance.
+#[derive(Clone, Debug)]
+pub(super) struct FoundShape {
+    pub mesh: TriangleMesh,
+    tree: TriangleBvh,
+}
+
+impl FoundShape {
+    /// # Errors
+    /// As [`TriangleBvh::new`] for an empty mesh.
+    pub fn new(mesh: TriangleMesh) -> Result<Self, Error> {
+        Ok(FoundShape { tree: TriangleBvh::new(&mesh)?, mesh })
+    }
+}
+
+impl Shape {
+    /// Signed distances at `points` (m x 3).
+    fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+        match self {
+            Shape::Learned(field) => field.sdf(points),
+            Shape::Found(found) => points.par_iter().map(|&x| found.tree.signed_distance(x).0).collect(),
+        }
+    }
+
+    /// What finishes the shape for `points` (n x 3), as far as `config` asks for it and they allow it.
+    pub fn finished_for(&self, points: &[[f32; 3]], config: &Config) -> Option<Finish> {
+        match config.finish {
+            Finishing::Points if FINISHED_POINTS.contains(&points.len()) => {
+                Finish::fit(points, &self.sdf(points), &self.gradient(points)).ok()
+            }
+            _ => None,
+        }
+    }
+
+    /// Their gradients.
+    fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        match self {
+            Shape::Learned(field) => field.gradient(points),
+            Shape::Found(found) => points.par_iter().map(|&x| found.tree.signed_distance(x).1).collect(),
+        }
+    }
+}
+
+/// Half the way between the two places that a derivative of the finished distance is taken from, working frame.
+const DIFFERENCE: f32 = 1e-3;
+
 impl Reconstruction {
+    /// Signed distances in the working frame, finished.
+    fn working_sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+        let mut sdf = self.shape.sdf(points);
+        if let Some(finish) = &self.finish {
+            finish.apply(points, &mut sdf, &self.shape.gradient(points));
+        }
+        sdf
+    }
+
     /// Signed distances at `points` (n x 3), negative inside, in the input's unit.
     ///
     /// Accurate near the surface; far away only the sign and the order of magnitude are meant.
     pub fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let scale = self.normalizer.scale();
-        let mut sdf = self.field.sdf(&self.normalizer.forward(points));
+        let mut sdf = self.working_sdf(&self.normalizer.forward(points));
         sdf.iter_mut().for_each(|s| *s = (f64::from(*s) * scale) as f32);
         sdf
     }
 
-    /// The gradients of [`sdf`](Self::sdf) at `points` (n x 3): outward, of about unit length, without unit.
+    /// The gradients of [`sdf`](Self::sdf) at `points` (n x 3): outward, of about unit length, without unit. Where the
+    /// result is finished ([`Config::finish`]) they are differences over 2e-3 of the longest side.
     pub fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         // Distance and place are scaled alike, so the slope is that of the working frame.
-        self.field.gradient(&self.normalizer.forward(points))
+        let points = self.normalizer.forward(points);
+        if self.finish.is_none() {
+            return self.shape.gradient(&points);
+        }
+        let beside = |axis: usize, step: f32| {
+            let mut moved = points.clone();
+            moved.iter_mut().for_each(|p| p[axis] += step);
+            self.working_sdf(&moved)
+        };
+        let sides = [0, 1, 2].map(|axis| (beside(axis, DIFFERENCE), beside(axis, -DIFFERENCE)));
+        let slope =
+            |i: usize| [0, 1, 2].map(|axis| (sides[axis].0[i] - sides[axis].1[i]) / (2.0 * DIFFERENCE));
+        (0..points.len()).map(slope).collect()
     }
 
     /// The zero level set as a closed mesh, from a grid of `resolution` cubes along each side of the cube around the
@@ -47,7 +127,8 @@ impl Reconstruction {
     /// [`ErrorKind::Diverged`] if the field is not finite.
     pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh, Error> {
         let seeds = self.normalizer.forward(&self.cloud);
-        let mut mesh = zero_level_set(&self.field, &seeds, resolution, self.config.min_component)?;
+        let sdf = |x: &[[f32; 3]]| self.working_sdf(x);
+        let mut mesh = zero_level_set(&sdf, &seeds, resolution, self.config.min_component)?;
         mesh.verts = self.normalizer.inverse(&mesh.verts);
         Ok(mesh)
     }
@@ -77,20 +158,20 @@ impl Reconstruction {
     }
 }
 
-/// The zero level set of a field, in the working frame, from a grid of `resolution` cubes a side searched near the
+/// The zero level set of signed distances in the working frame, from a grid of `resolution` cubes a side searched near the
 /// `seeds` (n x 3) too, without parts below the share `min_part` of the largest part's area.
 ///
 /// # Errors
 /// As [`Reconstruction::mesh`].
 pub(super) fn zero_level_set(
-    field: &Field,
+    sdf: &dyn Fn(&[[f32; 3]]) -> Vec<f32>,
     seeds: &[[f32; 3]],
     resolution: usize,
     min_part: f64,
 ) -> Result<TriangleMesh, Error> {
     let grid = TetGrid::working_frame(resolution)?;
     let options = NarrowBandOptions { seeds, ..Default::default() };
-    let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(field.sdf(x)), &options).map_err(|e| {
+    let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(sdf(x)), &options).map_err(|e| {
         if e.kind() == ErrorKind::NoSurface {
             return e.advise("raise the resolution, or train for more steps");
         }

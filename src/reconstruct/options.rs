@@ -1,6 +1,6 @@
 //! Every option under a dotted name, as text: for configuration files, command lines and checkpoints.
 
-use super::config::{Config, Stage, StartShape, Target};
+use super::config::{Config, Finishing, Stage, StartShape, Target};
 use crate::bsp::Parameterization;
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{Activation, Deformation};
@@ -90,6 +90,7 @@ const ENTRIES: &[Entry] = entries! {
     "bsp_rate.warmup" => bsp_rate.warmup;
     "bsp_rate.decay" => bsp_rate.decay;
     "clip" => clip;
+    "finish" => finish;
     "mesh.min_component" => min_component;
 };
 
@@ -183,6 +184,7 @@ macro_rules! names {
 
 names!(StartShape, "sphere, gauss or plate",
     "sphere" => StartShape::Sphere, "gauss" => StartShape::Gauss, "plate" => StartShape::Plate);
+names!(Finishing, "none or points", "none" => Finishing::None, "points" => Finishing::Points);
 names!(Target, "surface or surface-and-cloud",
     "surface" => Target::Surface, "surface-and-cloud" => Target::SurfaceAndCloud);
 names!(Deformation, "projection, tanh, offset or none",
@@ -258,11 +260,17 @@ impl Text for Decay {
 
 impl Text for Vec<Stage> {
     fn write(&self) -> String {
+        if self.is_empty() {
+            return "none".into();
+        }
         let stages: Vec<String> = self.iter().map(|s| format!("{}:{}", s.resolution, s.steps)).collect();
         stages.join(",")
     }
     fn read(text: &str) -> Result<Self, &'static str> {
-        let expected = "RESOLUTION:STEPS, stages separated by commas, such as 32:200,64:100";
+        let expected = "RESOLUTION:STEPS, stages separated by commas, such as 32:200,64:100, or none";
+        if text == "none" {
+            return Ok(Vec::new());
+        }
         let number = |text: &str| text.trim().parse::<usize>().map_err(|_| expected);
         let stage = |text: &str| {
             let (resolution, steps) = text.split_once(':').ok_or(expected)?;

@@ -3,6 +3,7 @@
 use super::band::Workspace;
 use super::bridges::Bridges;
 use super::first_shape::FirstShape;
+use super::model::{FoundShape, Shape};
 use super::step::StepReport;
 use super::{Config, Phase, Reconstruction};
 use crate::bsp::{Neighbourhood, SurfaceMap};
@@ -323,14 +324,25 @@ impl Trainer {
 
     /// The result so far.
     pub fn finish(self) -> Reconstruction {
-        let parameterized = rayon::scope(|_| self.parameterized());
+        rayon::scope(|_| self.finish_in_pool())
+    }
+
+    fn finish_in_pool(self) -> Reconstruction {
+        let parameterized = self.parameterized();
+        let found = match self.shape {
+            Some(shape) if self.config.stages.is_empty() => FoundShape::new(shape.mesh).ok(),
+            _ => None,
+        };
+        let shape = found.map_or(Shape::Learned(self.field), Shape::Found);
+        let finish = shape.finished_for(&self.cloud, &self.config);
         Reconstruction {
             coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),
             surface: parameterized.map_or_else(Vec::new, |p| p.surface),
             config: self.config,
             normalizer: self.normalizer,
             cloud: self.input,
-            field: self.field,
+            shape,
+            finish,
         }
     }
 }
