@@ -17,6 +17,7 @@ mod thin_plate;
 
 pub use deform::{Deformation, deform};
 pub use denoise::{DENOISED_POINTS, Denoised, denoise};
+pub(crate) use faces::FaceSamples;
 pub use faces::sample_faces;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use first_shapes::{best_fitting, gauss_shape, gauss_shapes, plate_shapes};

@@ -6,7 +6,7 @@ use super::{Config, Phase, Trainer};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{FieldValues, FieldVars, deform, sample_faces};
+use crate::gdo::{FaceSamples, FieldValues, FieldVars, deform};
 use crate::geometry::TriangleBvh;
 use crate::loss::Direction;
 use crate::nn::Bound;
@@ -204,7 +204,15 @@ impl Trainer {
     pub(super) fn record(&mut self, sampled: &Sampled, view: &View) -> Result<Recorded, Error> {
         let step = self.train_step();
         let progress = step as f32 / self.config.steps_in(Phase::Train).max(1) as f32;
-        let Workspace { tape, band, iso, tree, .. } = &mut self.work;
+        let Workspace {
+            tape,
+            band,
+            iso,
+            tree,
+            #[cfg(test)]
+            held_samples,
+            ..
+        } = &mut self.work;
         let band = band.as_ref().expect("refreshed first");
         let v = band.verts.len();
         tape.clear();
@@ -228,7 +236,14 @@ impl Trainer {
             count => {
                 let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
                 rng.set_stream(step as u64 + 1);
-                let drawn = sample_faces(tape, crossings, &iso.faces, count, &mut rng);
+                let at = tape.value(crossings).data().as_chunks().0;
+                let samples = FaceSamples::draw(at, &iso.faces, count, &mut rng);
+                #[cfg(test)]
+                let samples = match &*held_samples {
+                    Some(held) => held.get_or_init(|| samples).clone(),
+                    None => samples,
+                };
+                let drawn = samples.on(tape, crossings);
                 let tree = tree.get_or_insert_with(TriangleBvh::over_nothing);
                 tree.rebuild(tape.value(crossings).data().as_chunks().0, &iso.faces)?;
                 (drawn, Some(&*tree))
