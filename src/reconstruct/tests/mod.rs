@@ -4,6 +4,7 @@ mod gradients;
 mod recovery;
 mod run;
 mod shapes;
+mod trace;
 
 use super::*;
 use crate::gdo::Activation;
