@@ -15,7 +15,6 @@ use crate::tensor::Tensor;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0, and where
 /// the phase does not have them.
@@ -65,8 +64,6 @@ pub struct StepReport {
     pub surface_verts: usize,
     /// Recoveries so far.
     pub recoveries: usize,
-    /// Time the step took, in seconds; nothing depends on it.
-    pub seconds: f64,
 }
 
 impl StepReport {
@@ -127,7 +124,6 @@ pub(super) const FAR: f32 = 1e6;
 impl Trainer {
     /// One iteration of the training proper. On an error the parameters are as before it; what it worked with is not.
     pub(super) fn try_step(&mut self) -> Result<StepReport, Error> {
-        let began = Instant::now();
         self.look_for_gaps()?;
         let refreshed = self.refresh_band()?;
         let view = self.view();
@@ -154,7 +150,6 @@ impl Trainer {
         self.keep_surface(&recorded, &view);
         self.update(&pulled, &report);
         self.step += 1;
-        report.seconds = began.elapsed().as_secs_f64();
         Ok(report)
     }
 
@@ -340,7 +335,6 @@ impl Trainer {
             active_verts: band.map_or(0, |b| b.verts.len()),
             surface_verts: self.work.iso.edges.len(),
             recoveries: self.recoveries,
-            seconds: 0.0,
         }
     }
 
