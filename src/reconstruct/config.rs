@@ -213,6 +213,13 @@ impl Config {
     /// # Errors
     /// [`ErrorKind::Config`] with the option and what to do about it.
     pub fn validate(&self) -> Result<(), Error> {
+        self.validate_result()?;
+        self.validate_parameterization()?;
+        self.validate_training()
+    }
+
+    /// Whether those options are in range that a trained field and its mesh follow from.
+    pub(super) fn validate_result(&self) -> Result<(), Error> {
         let f = &self.field;
         within("field.width", f.width, 1, 1024)?;
         within("field.depth", f.depth, 1, 32)?;
@@ -229,6 +236,12 @@ impl Config {
             let advice = "use a hidden layer from 1 to field.depth - 1, or none";
             check("field.skip", skip > 0 && skip < f.depth, skip, advice)?;
         }
+        let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
+        let fits = (0.0..=1.0).contains(&self.min_component);
+        check("mesh.min_component", fits, self.min_component, advice)
+    }
+
+    fn validate_parameterization(&self) -> Result<(), Error> {
         let b = &self.bsp;
         within("bsp.channels", b.channels, 2, 1024)?;
         within("bsp.heads", b.heads, 1, b.channels)?;
@@ -258,7 +271,7 @@ impl Config {
         for (key, rate) in [("field_rate", &self.field_rate), ("bsp_rate", &self.bsp_rate)] {
             check_rate(key, rate)?;
         }
-        self.validate_training()
+        Ok(())
     }
 
     fn validate_training(&self) -> Result<(), Error> {
@@ -301,10 +314,7 @@ impl Config {
         within("surface_samples", self.surface_samples, 0, MOST_DRAWN)?;
         within("bsp.pretrain", self.bsp_pretrain, 0, MOST_STEPS)?;
         within("start.steps", self.start.steps, 0, MOST_STEPS)?;
-        not_negative("clip", self.clip)?;
-        let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
-        let fits = (0.0..=1.0).contains(&self.min_component);
-        check("mesh.min_component", fits, self.min_component, advice)
+        not_negative("clip", self.clip)
     }
 }
 

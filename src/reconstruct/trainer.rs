@@ -331,6 +331,7 @@ impl Trainer {
             normalizer: self.normalizer,
             cloud: self.input,
             field: self.field,
+            notices: Vec::new(),
         }
     }
 }
