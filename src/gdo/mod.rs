@@ -19,6 +19,7 @@ pub use deform::{Deformation, deform};
 pub use denoise::{DENOISED_POINTS, Denoised, denoise};
 pub(crate) use faces::FaceSamples;
 pub use faces::sample_faces;
+pub(crate) use field::octave_factor;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use first_shapes::{best_fitting, gauss_shape, gauss_shapes, plate_shapes};
 pub use gauss::GaussField;

@@ -3,7 +3,7 @@
 use super::Phase;
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Activation, Deformation, FieldConfig};
+use crate::gdo::{Activation, Deformation, FieldConfig, octave_factor};
 use crate::optim::{Decay, Schedule};
 
 /// The shape that the field starts as.
@@ -225,7 +225,7 @@ impl Config {
         within("field.depth", f.depth, 1, 32)?;
         within("field.octaves", f.octaves, 0, 16)?;
         positive("field.frequency", f.frequency, 1000.0)?;
-        let highest = f.frequency * (1u32 << f.octaves.saturating_sub(1)) as f32;
+        let highest = f.frequency * octave_factor(f.octaves.saturating_sub(1));
         let advice = "lower field.frequency or field.octaves: frequency 2^(octaves - 1) may be at most 1000";
         check("field.octaves", f.octaves == 0 || highest <= MOST_FREQUENCY, f.octaves, advice)?;
         positive("field.radius", f.radius, 0.57)?;
@@ -402,6 +402,8 @@ mod tests {
         for (key, value) in [
             ("field.width", "0"),
             ("field.skip", "99"),
+            ("field.octaves", "32"),
+            ("field.octaves", "18446744073709551615"),
             ("field.activation", "softplus:-1"),
             ("bsp.channels", "63"),
             ("bsp.sphere", "NaN"),
