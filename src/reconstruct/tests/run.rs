@@ -3,6 +3,7 @@
 use super::super::*;
 use super::{at_training, ball, bits, noisy, run, tiny};
 use crate::error::ErrorKind;
+use crate::optim::{Decay, Schedule};
 use std::ops::ControlFlow;
 
 #[test]
@@ -46,6 +47,61 @@ fn the_paper_preset_takes_its_steps() {
     })
     .unwrap();
     assert_eq!(terms, [true, true]);
+}
+
+#[test]
+fn the_fine_preset_takes_its_steps() {
+    let mut config = Config::preset(Preset::Fine);
+    (config.field.width, config.field.depth, config.bsp.channels) = (16, 2, 8);
+    (config.start.steps, config.bsp_pretrain) = (40, 3);
+    config.stages.iter_mut().for_each(|stage| stage.steps = 2);
+    // The grids that the stages say, whatever the area.
+    config.reference_area = 0.0;
+    let mut steps = Vec::new();
+    let result = reconstruct(&ball(50), &config, &mut |event| {
+        if let Event::Step(r) = event
+            && r.phase == Phase::Train
+        {
+            assert!(
+                r.loss.is_finite() && r.deform > 0.0 && r.surface_verts > 0 && r.recoveries == 0,
+                "{r:?}"
+            );
+            steps.push(r.resolution);
+        }
+        ControlFlow::Continue(())
+    })
+    .unwrap();
+    assert_eq!(steps, [32, 32, 48, 48, 64, 64]);
+    assert!(result.mesh(20).unwrap().topology().closed);
+}
+
+#[test]
+fn the_callback_hears_of_recoveries() {
+    // A rate that no training survives.
+    let mut config = tiny();
+    config.field_rate = Schedule { base: 1.0, warmup: 0, decay: Decay::Constant };
+    let (mut recovered, mut last) = (Vec::new(), None);
+    let outcome = reconstruct(&ball(50), &config, &mut |event| {
+        match *event {
+            Event::Recovered { step, reason } => {
+                let failed: usize =
+                    reason.strip_prefix("step ").unwrap().split(':').next().unwrap().parse().unwrap();
+                assert!(step <= failed, "on from {step} after {reason}");
+                recovered.push(step);
+            }
+            Event::Step(report) => {
+                // The step that is told after a recovery is the one that it went on with.
+                let told: Option<&usize> = recovered.last();
+                if last.is_some_and(|before| report.recoveries > before) {
+                    assert_eq!(told, Some(&report.step));
+                }
+                last = Some(report.recoveries);
+            }
+            _ => {}
+        }
+        ControlFlow::Continue(())
+    });
+    assert!((1..=3).contains(&recovered.len()), "{:?}", outcome.err());
 }
 
 #[test]

@@ -23,9 +23,11 @@ fn check_shape(shape: Shape, count: usize, components: usize, genus: i64) {
         .map(|v| shape.sdf([(v[0] - 100.0) / 7.0, v[1] / 7.0, v[2] / 7.0]).abs())
         .sum::<f32>()
         / mesh.verts.len() as f32;
-    assert!(off < 0.015, "mean distance from the shape: {off} of its longest side");
+    // 0.0013 to 0.0020 when this was written.
+    assert!(off < 0.0035, "mean distance from the shape: {off} of its longest side");
     // The surface of the mesh is the field's zero level, in the input's units.
-    assert!(result.sdf(&mesh.verts).iter().all(|s| s.abs() < 0.05 * 7.0));
+    let most = result.sdf(&mesh.verts).iter().fold(0.0f32, |most, s| most.max(s.abs())) / 7.0;
+    assert!(most < 0.006, "a vertex of the mesh is {most} of the longest side off the zero level");
 }
 
 #[test]
@@ -48,7 +50,7 @@ fn the_field_is_in_the_units_of_the_input() {
     let result = run(&ball(150), &quick());
     let probes = [[10.0, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -4.0, 3.2]];
     let sdf = result.sdf(&probes);
-    assert!(sdf[0] < -1.0 && sdf[1].abs() < 0.2 && (sdf[2] - 0.2).abs() < 0.2, "{sdf:?}");
+    assert!(sdf[0] < -1.5 && sdf[1].abs() < 0.025 && (sdf[2] - 0.2).abs() < 0.015, "{sdf:?}");
     // Central differences of the distances, in the same units.
     let h = 0.02;
     let gradient = result.gradient(&probes[1..]);
@@ -60,7 +62,7 @@ fn the_field_is_in_the_units_of_the_input() {
                 result.sdf(&[q])[0]
             };
             let numeric = (at(h) - at(-h)) / (2.0 * h);
-            assert!((numeric - g[d]).abs() < 0.05, "{numeric} {g:?}");
+            assert!((numeric - g[d]).abs() < 5e-4, "{numeric} {g:?}");
         }
     }
     assert_eq!(result.cloud().len(), 150);
@@ -75,7 +77,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     let mut trainer = Trainer::new(&points, &config).unwrap();
     // In the input's unit: the ball has a diameter of 6.
     let removed = trainer.noise_removed();
-    assert!(removed > 0.03 && removed < 0.3, "{removed}");
+    assert!(removed > 0.04 && removed < 0.09, "{removed}");
     let off = |cloud: &[[f32; 3]]| {
         let radius = |p: &[f32; 3]| p.iter().map(|x| x * x).sum::<f32>().sqrt();
         let mean = cloud.iter().map(radius).sum::<f32>() / cloud.len() as f32;
