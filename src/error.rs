@@ -27,8 +27,8 @@ pub enum ErrorKind {
 
 /// An error with its kind, its position (file, line, element) and what to do about it.
 ///
-/// The fields are private so that more positions can be added without breaking users. `Display` prints one line:
-/// `file:line: element: message; advice`.
+/// The fields are private so that more positions can be added without breaking users. `Display` prints one line,
+/// `file:line: element: message; advice`, without the cause, which [`source`](std::error::Error::source) returns.
 #[derive(Debug)]
 pub struct Error(Box<Parts>);
 
@@ -142,9 +142,6 @@ impl fmt::Display for Error {
             write!(f, "{element}: ")?;
         }
         write!(f, "{}", self.0.message)?;
-        if let Some(source) = &self.0.source {
-            write!(f, " ({source})")?;
-        }
         if let Some(advice) = &self.0.advice {
             write!(f, "; {advice}")?;
         }
@@ -163,7 +160,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn prints_place_message_cause_and_advice_on_one_line() {
+    fn prints_place_message_and_advice_on_one_line_and_leaves_the_cause_to_source() {
         let e = Error::new(ErrorKind::Format, "3 numbers expected, 2 found")
             .in_file("cloud.xyz")
             .at_line(12)
@@ -174,8 +171,8 @@ mod tests {
             "cloud.xyz:12: point 11: 3 numbers expected, 2 found; delete the line or complete it"
         );
         let io = Error::new(ErrorKind::Io, "cannot open").caused_by(std::io::Error::other("denied"));
-        assert_eq!(io.to_string(), "cannot open (denied)");
-        assert!(std::error::Error::source(&io).is_some());
+        assert_eq!(io.to_string(), "cannot open");
+        assert_eq!(std::error::Error::source(&io).unwrap().to_string(), "denied");
     }
 
     #[test]

@@ -36,36 +36,54 @@ impl Default for Options {
     }
 }
 
-/// A gradient that does not agree with finite differences.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Mismatch {
-    /// Which input.
-    pub input: usize,
-    /// The derivative that the tape gives along the direction.
-    pub analytic: f64,
-    /// The derivative by central differences.
-    pub numeric: f64,
+/// Why a gradient is not known to be right.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Failure {
+    /// It does not agree with finite differences.
+    Mismatch {
+        /// Which input, from 0.
+        input: usize,
+        /// The derivative that the tape gives along a random direction.
+        analytic: f64,
+        /// The derivative along it by central differences.
+        numeric: f64,
+    },
+    /// Every direction that was tried crosses a kink of the function, so nothing was compared.
+    NotCompared {
+        /// Which input, from 0.
+        input: usize,
+    },
 }
 
-impl fmt::Display for Mismatch {
+impl fmt::Display for Failure {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Mismatch { input, analytic, numeric } = self;
-        write!(f, "input {input}: the tape gives {analytic:.6}, differences give {numeric:.6}")
+        match self {
+            Failure::Mismatch { input, analytic, numeric } => {
+                write!(f, "input {input}: the tape gives {analytic:.6}, differences give {numeric:.6}")
+            }
+            Failure::NotCompared { input } => {
+                write!(
+                    f,
+                    "input {input}: it lies on a kink of the function, so its gradient was not compared"
+                )
+            }
+        }
     }
 }
 
-impl std::error::Error for Mismatch {}
+impl std::error::Error for Failure {}
 
 /// Compares the gradient of `f` at `inputs` with finite differences, for every input.
 ///
-/// Returns the number of directions in which they were compared, of the input that had fewest: less than asked for
-/// near kinks, and 0 if some input lies on one, so that nothing was learnt about it.
+/// Returns the number of directions in which they were compared, of the input that had fewest: at least 1, and fewer
+/// than asked for near kinks. Inputs without values are passed over.
 ///
 /// # Errors
-/// The first direction in which they disagree.
+/// [`Failure::Mismatch`] with the first direction in which they disagree, [`Failure::NotCompared`] if an input lies on
+/// a kink, so that nothing was learnt about it.
 ///
 /// # Panics
-/// If `f` fails on the shapes.
+/// If `f` fails on the shapes, or no directions are asked for.
 ///
 /// ```
 /// use bijective_sdf::autodiff::check;
@@ -73,13 +91,14 @@ impl std::error::Error for Mismatch {}
 ///
 /// let x = Tensor::from_vec(&[2, 2], vec![0.1, -0.4, 0.9, 0.3]);
 /// let compared = check::gradient(|tape, x| tape.tanh(x[0]), &[x], check::Options::default()).unwrap();
-/// assert!(compared > 0);
+/// assert_eq!(compared, 6);
 /// ```
 pub fn gradient(
     f: impl Fn(&mut Tape, &[Var]) -> Var,
     inputs: &[Tensor],
     options: Options,
-) -> Result<usize, Mismatch> {
+) -> Result<usize, Failure> {
+    assert!(options.directions > 0, "check: no directions to compare in");
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
     let mut tape = Tape::new();
     let vars: Vec<Var> = inputs.iter().map(|x| tape.input(x.clone())).collect();
@@ -128,10 +147,13 @@ pub fn gradient(
                 Verdict::Agrees => accepted += 1,
                 Verdict::Kink => accepted += usize::from(matches!(verdict(step / 8.0), Verdict::Agrees)),
                 Verdict::Differs(numeric) => match verdict(step / 8.0) {
-                    Verdict::Differs(_) => return Err(Mismatch { input: i, analytic, numeric }),
+                    Verdict::Differs(_) => return Err(Failure::Mismatch { input: i, analytic, numeric }),
                     Verdict::Agrees | Verdict::Kink => {}
                 },
             }
+        }
+        if accepted == 0 {
+            return Err(Failure::NotCompared { input: i });
         }
         fewest = fewest.min(accepted);
     }
@@ -196,37 +218,121 @@ mod tests {
     use super::*;
     use crate::autodiff::{At, Op};
 
-    /// x^2 with a gradient scaled by a factor that should be 1.
-    struct Square {
+    /// x y by entries, with gradients that can be made wrong.
+    #[derive(Clone, Copy)]
+    struct Product {
+        /// What the gradient of each input is multiplied by: 1 is right.
+        factors: [f32; 2],
+        /// The entry that is multiplied alone; all of them without.
+        entry: Option<usize>,
+        /// Whether the second input gets no gradient at all.
+        missing: bool,
+    }
+
+    const RIGHT: Product = Product { factors: [1.0; 2], entry: None, missing: false };
+
+    impl Op<2> for Product {
+        type Saved = ();
+        fn forward(&self, [x, y]: [&Tensor; 2]) -> (Tensor, ()) {
+            let mut z = x.clone();
+            z.data_mut().iter_mut().zip(y.data()).for_each(|(z, y)| *z *= y);
+            (z, ())
+        }
+        fn vjp(&self, at: At<'_, 2, ()>, dz: &Tensor) -> [Option<Tensor>; 2] {
+            std::array::from_fn(|i| {
+                let mut d = dz.clone();
+                for (k, (d, other)) in d.data_mut().iter_mut().zip(at.x[1 - i].data()).enumerate() {
+                    let wrong = self.entry.is_none_or(|entry| entry == k);
+                    *d *= other * if wrong { self.factors[i] } else { 1.0 };
+                }
+                (i == 0 || !self.missing).then_some(d)
+            })
+        }
+    }
+
+    fn run(op: Product) -> Result<usize, Failure> {
+        let x = Tensor::from_vec(&[3, 2], vec![0.5, -1.0, 2.0, 0.1, -0.3, 0.7]);
+        let y = Tensor::from_vec(&[3, 2], vec![1.5, 0.4, -0.8, -2.0, 0.9, 0.6]);
+        gradient(|tape, x| tape.apply(op, [x[0], x[1]]), &[x, y], Options::default())
+    }
+
+    /// The input that a gradient was found to be wrong for.
+    #[track_caller]
+    fn wrong_input(op: Product) -> usize {
+        match run(op).unwrap_err() {
+            Failure::Mismatch { input, .. } => input,
+            other => panic!("{other}"),
+        }
+    }
+
+    #[test]
+    fn accepts_the_right_gradient_and_rejects_scaled_ones() {
+        assert_eq!(run(RIGHT), Ok(6));
+        for factor in [0.0, 0.98, 1.02, -1.0, 2.0] {
+            assert_eq!(wrong_input(Product { factors: [factor, 1.0], ..RIGHT }), 0, "factor {factor}");
+            assert_eq!(wrong_input(Product { factors: [1.0, factor], ..RIGHT }), 1, "factor {factor}");
+        }
+    }
+
+    #[test]
+    fn rejects_one_wrong_entry() {
+        for entry in 0..6 {
+            let op = Product { factors: [1.2, 1.0], entry: Some(entry), ..RIGHT };
+            assert_eq!(wrong_input(op), 0, "entry {entry}");
+        }
+    }
+
+    #[test]
+    #[should_panic(expected = "no gradient for input 1")]
+    fn rejects_an_operation_without_a_gradient() {
+        let _ = run(Product { missing: true, ..RIGHT });
+    }
+
+    #[test]
+    fn rejects_an_input_that_the_tape_does_not_lead_to() {
+        let x = Tensor::from_vec(&[1, 2], vec![0.5, -1.0]);
+        let detached = |tape: &mut Tape, x: &[Var]| {
+            let copy = tape.value(x[1]).clone();
+            let copy = tape.constant(copy);
+            tape.apply(RIGHT, [x[0], copy])
+        };
+        let failure = gradient(detached, &[x.clone(), x], Options::default()).unwrap_err();
+        assert!(matches!(failure, Failure::Mismatch { input: 1, analytic: 0.0, .. }), "{failure}");
+    }
+
+    /// The sizes of all entries, with a gradient scaled by a factor.
+    struct Abs {
         factor: f32,
     }
 
-    impl Op<1> for Square {
+    impl Op<1> for Abs {
         type Saved = ();
         fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
             let mut y = x.clone();
-            y.data_mut().iter_mut().for_each(|v| *v *= *v);
+            y.data_mut().iter_mut().for_each(|v| *v = v.abs());
             (y, ())
         }
         fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
             let mut dx = dy.clone();
-            let scaled = |(d, x): (&mut f32, &f32)| *d *= 2.0 * self.factor * x;
-            dx.data_mut().iter_mut().zip(at.x[0].data()).for_each(scaled);
+            let signed = |(d, x): (&mut f32, &f32)| *d *= self.factor * x.signum();
+            dx.data_mut().iter_mut().zip(at.x[0].data()).for_each(signed);
             [Some(dx)]
         }
     }
 
-    fn run(factor: f32) -> Result<usize, Mismatch> {
-        let x = Tensor::from_vec(&[3, 2], vec![0.5, -1.0, 2.0, 0.1, -0.3, 0.7]);
-        gradient(|tape, x| tape.apply(Square { factor }, [x[0]]), &[x], Options::default())
-    }
-
     #[test]
-    fn accepts_the_right_gradient_and_rejects_wrong_ones() {
-        assert_eq!(run(1.0), Ok(6));
-        for factor in [0.0, 0.98, 1.02, -1.0, 2.0] {
-            assert!(run(factor).is_err(), "factor {factor}");
+    fn kinks_are_passed_over_and_hide_no_wrong_gradient() {
+        let run = |factor: f32, x: Vec<f32>| {
+            let x = Tensor::from_vec(&[1, x.len()], x);
+            gradient(|tape, x| tape.apply(Abs { factor }, [x[0]]), &[x], Options::default())
+        };
+        // Some directions cross the kink of the first entry, others do not.
+        let near = vec![1e-3, 1.0, -2.0];
+        assert!((1..=6).contains(&run(1.0, near.clone()).unwrap()));
+        assert!(matches!(run(1.1, near), Err(Failure::Mismatch { input: 0, .. })));
+        // All directions cross the one at 0, whatever the gradient there.
+        for factor in [1.0, 5.0] {
+            assert_eq!(run(factor, vec![0.0, 1.0]), Err(Failure::NotCompared { input: 0 }));
         }
-        assert_eq!(run(0.0).unwrap_err().analytic, 0.0);
     }
 }

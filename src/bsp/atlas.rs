@@ -98,8 +98,7 @@ mod tests {
         let mut rng = ChaCha8Rng::seed_from_u64(4);
         for atlas in [Atlas::sphere(7, 6, &mut rng), Atlas::squares(3, 5, 6, &mut rng)] {
             let inputs: Vec<Tensor> = atlas.params.values().iter().map(|v| (**v).clone()).collect();
-            let compared = check(|t, x| atlas.forward(t, &Bound::new(x.to_vec())), &inputs, 3);
-            assert!(compared > 0);
+            check(|t, x| atlas.forward(t, &Bound::new(x.to_vec())), &inputs, 3);
             let mut tape = Tape::new();
             let p = atlas.params.bind(&mut tape, true);
             let s = atlas.forward(&mut tape, &p);

@@ -220,8 +220,8 @@ mod tests {
             };
             // A short step keeps most directions clear of the many ReLUs' kinks.
             let options = Options { seed: 9, step: 2e-3, ..Options::default() };
-            if let Err(mismatch) = gradient(forward, &inputs, options) {
-                panic!("{mismatch}; {:?}", bsp.params.names().collect::<Vec<_>>());
+            if let Err(failure) = gradient(forward, &inputs, options) {
+                panic!("{failure}; {:?}", bsp.params.names().collect::<Vec<_>>());
             }
 
             let mut tape = Tape::new();

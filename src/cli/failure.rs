@@ -44,7 +44,7 @@ impl Failure {
     /// The line to print, if there is anything to say.
     pub fn line(&self) -> Option<String> {
         let text = match self {
-            Failure::Library(e) | Failure::Input(e) | Failure::Output(e) => format!("error: {e}"),
+            Failure::Library(e) | Failure::Input(e) | Failure::Output(e) => format!("error: {}", chain(e)),
             Failure::Usage(text) => format!("error: {text}"),
             Failure::Gate(text) => format!("warning: {text}"),
             Failure::Interrupted(text) => format!("interrupted: {text}"),
@@ -64,6 +64,18 @@ impl Failure {
     }
 }
 
+/// An error with all its causes, as `message (cause (its cause)); advice`.
+pub fn chain(e: &(dyn std::error::Error + 'static)) -> String {
+    let mut text = e.to_string();
+    let advice = e.downcast_ref::<Error>().and_then(Error::advice).map(|advice| format!("; {advice}"));
+    let advice = advice.filter(|advice| text.ends_with(advice)).unwrap_or_default();
+    text.truncate(text.len() - advice.len());
+    if let Some(cause) = e.source() {
+        text += &format!(" ({})", chain(cause));
+    }
+    text + &advice
+}
+
 impl From<Error> for Failure {
     fn from(e: Error) -> Self {
         Failure::Library(e)
@@ -78,6 +90,10 @@ mod tests {
     fn every_failure_has_one_line_and_a_code() {
         let lib = |kind| Failure::Library(Error::new(kind, "text").caused_by("a\n  b\n"));
         assert_eq!(lib(ErrorKind::Data).line().unwrap(), "error: text (a b )");
+        let inner = Error::new(ErrorKind::Config, "7 cannot be used").advise("use 1").caused_by("odd");
+        let outer = Error::new(ErrorKind::Checkpoint, "it is damaged").in_file("a").caused_by(inner);
+        let line = Failure::Library(outer.advise("start anew")).line().unwrap();
+        assert_eq!(line, "error: a: it is damaged (7 cannot be used (odd); use 1); start anew");
         let codes = [
             (lib(ErrorKind::Config), 2),
             (lib(ErrorKind::Format), 3),

@@ -8,7 +8,7 @@ use bijective_sdf::io::{Format, PointCloud};
 use clap::Args;
 
 use super::Common;
-use super::failure::Failure;
+use super::failure::{Failure, chain};
 use super::files::{Content, Input, format_parser, print};
 use super::json::{Object, list, number, quoted};
 use super::report::{bounds_text, gate, topology_json, topology_text};
@@ -57,7 +57,7 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs) -> Result<(), Failure> {
     let bounds = Bounds::of(points)?;
     let (low, high) = (bounds.min.map(|x| x as f32), bounds.max.map(|x| x as f32));
     let cleaned = clean_cloud(points);
-    let problem = cleaned.as_ref().err().map(|e| e.to_string());
+    let problem = cleaned.as_ref().err().map(|e| chain(e));
     let merged = cleaned.as_ref().map_or(0, |c| c.duplicates_merged);
     let spacing = spacing(cleaned.as_ref().map_or(points, |c| &c.points));
     if args.json {

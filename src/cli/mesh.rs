@@ -41,6 +41,7 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
         check_writable(path)?;
     }
     let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
+    field.notices().iter().for_each(|notice| common.note(notice));
     let mesh = field.mesh(args.resolution)?;
     let topology = mesh.topology();
     if let Some(path) = &args.view.preview {

@@ -7,6 +7,7 @@ use clap::{Args, Parser, Subcommand};
 
 mod codes;
 mod config;
+mod config_text;
 mod coverage;
 mod demo;
 mod evaluate;

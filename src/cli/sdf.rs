@@ -29,6 +29,7 @@ pub struct SdfArgs {
 /// Prints a line a point.
 pub fn run(args: &SdfArgs, common: Common) -> Result<(), Failure> {
     let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
+    field.notices().iter().for_each(|notice| common.note(notice));
     let cloud = Input::read(&args.points, args.format)?.cloud()?;
     cloud.notices.iter().for_each(|n| common.note(n));
     let values = field.sdf(&cloud.points);

@@ -471,7 +471,8 @@ mod tests {
         let mut bad = long;
         bad[7] = [f32::NAN, 0.0, 1.0];
         let e = nc(&bad).unwrap_err();
-        assert!(e.kind() == ErrorKind::Data && e.to_string().contains("point 7"), "{e}");
+        let cause = std::error::Error::source(&e).unwrap().to_string();
+        assert!(e.kind() == ErrorKind::Data && cause.contains("point 7"), "{e}: {cause}");
     }
 
     #[test]

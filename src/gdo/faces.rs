@@ -21,23 +21,47 @@ pub fn sample_faces(
     count: usize,
     rng: &mut ChaCha8Rng,
 ) -> Var {
-    assert!(!faces.is_empty(), "sample_faces: no faces");
-    let ends = cumulative_areas(&tape.value(verts).to_points(), faces);
-    let total = ends[ends.len() - 1];
-    let mut corners: [(Vec<u32>, Vec<f32>); 3] =
-        std::array::from_fn(|_| (Vec::with_capacity(count), Vec::with_capacity(count)));
-    for i in 0..count {
-        let at = (i as f64 + rng.random::<f64>()) / count as f64 * total;
-        let face = ends.partition_point(|&end| end < at).min(faces.len() - 1);
-        // The square root makes the place uniform: a strip near the first corner is narrow.
-        let (r, u) = (rng.random::<f32>().sqrt(), rng.random::<f32>());
-        let weights = [1.0 - r, r * (1.0 - u), r * u];
-        for ((index, weight), (v, w)) in corners.iter_mut().zip(faces[face].into_iter().zip(weights)) {
-            index.push(v);
-            weight.push(w);
+    let samples = FaceSamples::draw(&tape.value(verts).to_points(), faces, count, rng);
+    samples.on(tape, verts)
+}
+
+/// Points on the faces of a mesh, as faces and barycentric coordinates: they stay on the mesh when its vertices move.
+#[derive(Clone, Debug)]
+pub(crate) struct FaceSamples {
+    /// For each corner of a face: the vertex and its weight, sample by sample.
+    corners: [(Vec<u32>, Vec<f32>); 3],
+}
+
+impl FaceSamples {
+    /// Chooses `count` points as [`sample_faces`] does, for vertices as they are now.
+    ///
+    /// # Panics
+    /// If there is no face, or a face names a vertex that is not there.
+    #[track_caller]
+    pub(crate) fn draw(verts: &[[f32; 3]], faces: &[[u32; 3]], count: usize, rng: &mut ChaCha8Rng) -> Self {
+        assert!(!faces.is_empty(), "sample_faces: no faces");
+        let ends = cumulative_areas(verts, faces);
+        let total = ends[ends.len() - 1];
+        let mut corners: [(Vec<u32>, Vec<f32>); 3] =
+            std::array::from_fn(|_| (Vec::with_capacity(count), Vec::with_capacity(count)));
+        for i in 0..count {
+            let at = (i as f64 + rng.random::<f64>()) / count as f64 * total;
+            let face = ends.partition_point(|&end| end < at).min(faces.len() - 1);
+            // The square root makes the place uniform: a strip near the first corner is narrow.
+            let (r, u) = (rng.random::<f32>().sqrt(), rng.random::<f32>());
+            let weights = [1.0 - r, r * (1.0 - u), r * u];
+            for ((index, weight), (v, w)) in corners.iter_mut().zip(faces[face].into_iter().zip(weights)) {
+                index.push(v);
+                weight.push(w);
+            }
         }
+        FaceSamples { corners }
     }
-    tape.blend_rows(verts, corners)
+
+    /// Their places, count x 3, for vertices v x 3 on a tape.
+    pub(crate) fn on(self, tape: &mut Tape, verts: Var) -> Var {
+        tape.blend_rows(verts, self.corners)
+    }
 }
 
 /// Twice the area of the faces up to and including each.

@@ -54,9 +54,17 @@ impl FieldConfig {
     /// The angular frequency of every octave.
     pub(super) fn frequencies(&self) -> impl Iterator<Item = f32> {
         let first = self.frequency;
-        (0..self.octaves).map(move |o| first * (1u32 << o) as f32)
+        (0..self.octaves).map(move |o| first * octave_factor(o))
     }
 }
+
+/// The frequency of an octave as a multiple of that of octave 0: 2^octave, infinite from octave 128 on.
+pub(crate) fn octave_factor(octave: usize) -> f32 {
+    2f32.powi(octave.min(128) as i32)
+}
+
+/// Fourier octaves of a field, at most: sines of still higher frequencies are noise.
+const MAX_OCTAVES: usize = 32;
 
 /// The field network: n x 3 points in the working frame to n x 1 signed distances, negative inside.
 ///
@@ -96,7 +104,7 @@ impl Field {
     /// A field that starts as a sphere.
     ///
     /// # Panics
-    /// If width or depth is 0, or the skip is not a hidden layer after the first.
+    /// If width or depth is 0, the skip is not a hidden layer after the first, or there are more than 32 octaves.
     #[track_caller]
     pub fn new(config: FieldConfig, rng: &mut ChaCha8Rng) -> Self {
         Self::build(config, false, rng)
@@ -115,6 +123,7 @@ impl Field {
     fn build(config: FieldConfig, offset: bool, rng: &mut ChaCha8Rng) -> Self {
         let FieldConfig { width, depth, .. } = config;
         assert!(width > 0 && depth > 0, "field: width {width}, depth {depth}");
+        assert!(config.octaves <= MAX_OCTAVES, "field: {} octaves, at most {MAX_OCTAVES}", config.octaves);
         if let Some(skip) = config.skip {
             assert!(skip > 0 && skip < depth, "field: skip at layer {skip} of {depth}");
         }
@@ -336,6 +345,16 @@ mod tests {
     use crate::ops::testing::{check, normal};
     use proptest::prelude::*;
     use rand::SeedableRng;
+
+    #[test]
+    fn octaves_double_and_their_number_is_limited() {
+        let config = |octaves: usize| FieldConfig { octaves, ..*small(None, 1, false, 1).config() };
+        let frequencies: Vec<f32> = config(32).frequencies().collect();
+        assert!((0..32).all(|o| frequencies[o] == 1.5 * (1u64 << o) as f32));
+        let refused = std::panic::catch_unwind(|| Field::new(config(33), &mut ChaCha8Rng::seed_from_u64(1)));
+        let message = refused.unwrap_err();
+        assert!(message.downcast_ref::<String>().unwrap().contains("33 octaves"));
+    }
 
     fn small(skip: Option<usize>, octaves: usize, offset: bool, seed: u64) -> Field {
         let activation = Activation::Softplus { beta: 4.0 };

@@ -21,7 +21,9 @@ mod thin_plate;
 
 pub use deform::{Deformation, deform};
 pub use denoise::{DENOISED_POINTS, Denoised, denoise};
+pub(crate) use faces::FaceSamples;
 pub use faces::sample_faces;
+pub(crate) use field::octave_factor;
 pub use field::{Activation, Field, FieldConfig, FieldVars};
 pub use finish::{FINISHED_POINTS, Finish};
 pub use first_shapes::{best_fitting, gauss_shape, gauss_shapes, plate_shapes};

@@ -282,7 +282,8 @@ mod tests {
         for format in [Format::Ply, Format::Obj, Format::Stl] {
             let e = write_mesh_to(Full, &mesh(), format, Encoding::Binary).unwrap_err();
             assert_eq!(e.kind(), ErrorKind::Io);
-            assert!(e.to_string().contains("disk full"), "{e}");
+            let cause = std::error::Error::source(&e).unwrap().to_string();
+            assert!(cause.contains("disk full"), "{e}: {cause}");
         }
     }
 }

@@ -45,8 +45,8 @@ impl<L, F: Fn(&L, &mut Tape, &Bound, &[Var]) -> Var> Layer<L, F> {
         };
         // A layer has many ReLUs; a short step keeps most directions clear of all their kinks.
         let options = Options { seed, step: 2e-3, ..Options::default() };
-        if let Err(mismatch) = gradient(f, &all, options) {
-            panic!("{mismatch}; inputs, then {:?}", self.params.names().collect::<Vec<_>>());
+        if let Err(failure) = gradient(f, &all, options) {
+            panic!("{failure}; inputs, then {:?}", self.params.names().collect::<Vec<_>>());
         }
     }
 

@@ -91,5 +91,5 @@ fn a_sphere_comes_back_from_interpolated_points() {
     let topology = result.mesh(40).unwrap().topology();
     assert!(topology.closed && topology.oriented && topology.genus == Some(0), "{topology}");
     let ball = 4.0 / 3.0 * std::f64::consts::PI * 27.0;
-    assert!((topology.volume / ball - 1.0).abs() < 0.1, "{topology}");
+    assert!((topology.volume / ball - 1.0).abs() < 0.004, "{topology}");
 }

@@ -18,6 +18,10 @@ pub(super) struct Workspace {
     pub iso: Isosurface,
     /// Over the faces of the surface, built anew in each step that asks for it.
     pub tree: Option<TriangleBvh>,
+    /// Where a test has put an empty cell, the first step leaves its samples on the faces in it and all later ones take
+    /// these, since the loss jumps where a sample moves to another face.
+    #[cfg(test)]
+    pub held_samples: Option<std::sync::OnceLock<crate::gdo::FaceSamples>>,
 }
 
 impl Workspace {

@@ -2,10 +2,11 @@
 
 use super::bridges::Bridges;
 use super::model::{FoundShape, Shape};
+use super::saved_options;
 use super::step::FAR;
 use super::store::{Checksum, Store, damaged};
 use super::trainer::{Learned, RECOVERIES, Snapshot, blank_field, prepare};
-use super::{Config, Preset, Reconstruction, Trainer};
+use super::{Config, Reconstruction, Trainer};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{Normalizer, TriangleMesh};
 use crate::nn::Params;
@@ -16,8 +17,19 @@ use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 
-const CHECKPOINT: &str = "checkpoint 5";
-const RECONSTRUCTION: &str = "reconstruction 3";
+/// What a file holds, and in which versions of its form this program reads it.
+struct Kind {
+    name: &'static str,
+    /// The version that is written, and the last that is read.
+    version: u32,
+    /// The first version that is read.
+    oldest: u32,
+}
+
+const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 5, oldest: 4 };
+/// Files of version 2 are read by all later programs. Options may come, go and change their names within a version, as
+/// far as [`saved_options`] says what stands for those that are missing; the version grows with a change of meaning.
+const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 3, oldest: 2 };
 /// Vertices and faces (as numbers) of a result that is the first shape itself; each n x 3.
 const FOUND: [&str; 2] = ["shape.verts", "shape.faces"];
 /// Points that a result is finished for, n x 3: those of the cloud without their noise.
@@ -49,8 +61,8 @@ impl Trainer {
         let prepared = prepare(points, config)?;
         let store = Store::read(path)?;
         let resume = || -> Result<Trainer, Error> {
-            check_kind(&store, CHECKPOINT)?;
-            check_config(&store, &prepared.config)?;
+            let version = CHECKPOINT.check(&store)?;
+            check_config(&saved_options::of_checkpoint(&store, version), &prepared.config)?;
             if store.get("cloud")? != fingerprint(&prepared.input) {
                 return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
                     .advise("resume with the points that the run was started with"));
@@ -82,8 +94,8 @@ impl Trainer {
 
     fn to_store(&self) -> Store {
         let mut store = Store::default();
-        store.put("kind", CHECKPOINT);
-        put_config(&mut store, &self.config);
+        CHECKPOINT.put(&mut store);
+        saved_options::put(&mut store, &self.config);
         store.put("cloud", fingerprint(&self.input));
         store.put("recoveries", self.recoveries);
         put_snapshot(&mut store, "now", &self.snapshot());
@@ -100,8 +112,8 @@ impl Reconstruction {
     /// [`ErrorKind::Io`] if the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
         let mut store = Store::default();
-        store.put("kind", RECONSTRUCTION);
-        put_config(&mut store, &self.config);
+        RECONSTRUCTION.put(&mut store);
+        saved_options::put(&mut store, &self.config);
         let frame = self.normalizer.to_array().map(|v| format!("{:016x}", v.to_bits()));
         store.put("frame", frame.join(" "));
         match &self.shape {
@@ -125,7 +137,9 @@ impl Reconstruction {
         store.write(path.as_ref())
     }
 
-    /// Loads a result that [`save`](Self::save) saved; it gives the same bytes as the one that was saved.
+    /// Loads a result that [`save`](Self::save) saved, with this version of the crate or an earlier one; it gives the
+    /// same bytes as the one that was saved. Where the file's options are not quite those of this version,
+    /// [`notices`](Self::notices) says so.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or something else.
@@ -136,14 +150,8 @@ impl Reconstruction {
     }
 
     fn from_store(store: &Store) -> Result<Reconstruction, Error> {
-        check_kind(store, RECONSTRUCTION)?;
-        let mut config = Config::preset(Preset::Default);
-        let keys: Vec<&str> = config.entries().into_iter().map(|(key, _)| key).collect();
-        for key in keys {
-            let value = store.get(&format!("config.{key}"))?;
-            config.set(key, value).map_err(|e| damaged("its options cannot be used").caused_by(e))?;
-        }
-        config.validate().map_err(|e| damaged("its options cannot be used").caused_by(e))?;
+        let version = RECONSTRUCTION.check(store)?;
+        let (config, notices) = saved_options::of_result(store, version)?;
 
         let frame: Result<Vec<u64>, _> =
             store.get("frame")?.split(' ').map(|v| u64::from_str_radix(v, 16)).collect();
@@ -181,7 +189,7 @@ impl Reconstruction {
             Some(_) => return Err(damaged("the points that it is finished for are not finite")),
             None => None,
         };
-        Ok(Reconstruction { config, normalizer, cloud, shape, finish, surface, coverage: None })
+        Ok(Reconstruction { config, normalizer, cloud, shape, finish, surface, coverage: None, notices })
     }
 }
 
@@ -201,38 +209,52 @@ fn near(points: &[[f32; 3]]) -> bool {
     points.as_flattened().iter().all(|x| x.abs() < FAR)
 }
 
-fn check_kind(store: &Store, expected: &str) -> Result<(), Error> {
-    let kind = store.get("kind")?;
-    if kind == expected {
-        return Ok(());
+impl Kind {
+    fn put(&self, store: &mut Store) {
+        store.put("kind", format!("{} {}", self.name, self.version));
     }
-    let first = |kind: &str| kind.split(' ').next().map(str::to_string);
-    let advice = match first(kind) == first(expected) {
-        true => "it was written by another version of this program: start anew",
-        false => "resume from checkpoints, load reconstructions",
+
+    /// The version of a file, which has to be of this kind.
+    fn check(&self, store: &Store) -> Result<u32, Error> {
+        let Kind { name, version, oldest } = self;
+        let found = store.get("kind")?;
+        let advice = match found.split_once(' ').map(|(kind, v)| (kind == *name, v.parse::<u32>())) {
+            Some((true, Ok(v))) if (*oldest..=*version).contains(&v) => return Ok(v),
+            Some((true, Ok(v))) if v > *version => {
+                "a later version of this program wrote it: read it with that"
+            }
+            Some((true, _)) => "an early version of this program wrote it: start anew",
+            _ => "resume from checkpoints, load reconstructions",
+        };
+        let message = format!("it is a {found}, not a {name} {version}");
+        Err(Error::new(ErrorKind::Checkpoint, message).advise(advice))
+    }
+}
+
+/// Refuses to go on with other options than those of a checkpoint.
+fn check_config(stored: &[(String, String)], config: &Config) -> Result<(), Error> {
+    let refused = |key: &str, message: String, advice: &str| {
+        let error = Error::new(ErrorKind::Checkpoint, message).at_element(format!("option {key}"));
+        Err(error.advise(advice))
     };
-    Err(Error::new(ErrorKind::Checkpoint, format!("it is a {kind}, not a {expected}")).advise(advice))
-}
-
-fn put_config(store: &mut Store, config: &Config) {
-    for (key, value) in config.entries() {
-        store.put(&format!("config.{key}"), value);
-    }
-}
-
-fn check_config(store: &Store, config: &Config) -> Result<(), Error> {
-    for (key, value) in config.entries() {
-        let stored = store.get(&format!("config.{key}"))?;
+    let entries = config.entries();
+    for (key, value) in &entries {
+        let Some((_, stored)) = stored.iter().find(|(k, _)| k == key) else {
+            return Err(damaged(format!("it has no config.{key}")));
+        };
         if stored != value {
-            return Err(Error::new(
-                ErrorKind::Checkpoint,
-                format!("{stored} in the checkpoint, {value} here"),
-            )
-            .at_element(format!("option {key}"))
-            .advise("resume with the options that the run was started with"));
+            let message = format!("{stored} in the checkpoint, {value} here");
+            return refused(key, message, "resume with the options that the run was started with");
         }
     }
-    Ok(())
+    // What it did cannot be known, and the run would not go on as it began.
+    match stored.iter().find(|(k, _)| entries.iter().all(|(key, _)| k != key)) {
+        Some((key, _)) => {
+            let message = "unknown to this version".to_string();
+            refused(key, message, "resume with the version of this program that wrote the checkpoint")
+        }
+        None => Ok(()),
+    }
 }
 
 fn read_bridges(store: &Store, name: &str) -> Result<Bridges, Error> {
@@ -466,6 +488,48 @@ mod tests {
     }
 
     #[test]
+    fn other_kinds_and_versions_are_refused() {
+        let advice = |kind: &str| {
+            let mut store = Store::default();
+            store.put("kind", kind);
+            RECONSTRUCTION.check(&store).map_err(|e| e.advice().unwrap().to_string())
+        };
+        assert_eq!(advice("reconstruction 2"), Ok(2));
+        assert!(advice("reconstruction 3").unwrap_err().contains("later version"));
+        assert!(advice("reconstruction 1").unwrap_err().contains("early version"));
+        for other in ["checkpoint 2", "reconstruction", ""] {
+            assert!(advice(other).unwrap_err().contains("resume from checkpoints"), "{other}");
+        }
+    }
+
+    #[test]
+    fn a_checkpoint_of_a_version_with_more_options_is_not_gone_on_with() {
+        let points = ball(50);
+        let path = file("later");
+        let mut store = Trainer::new(&points, &tiny()).unwrap().to_store();
+        store.put("config.weights.later", 1);
+        store.write(&path).unwrap();
+        let error = Trainer::resume(&path, &points, &tiny()).err().unwrap();
+        assert_eq!((error.kind(), error.element()), (ErrorKind::Checkpoint, Some("option weights.later")));
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
+    fn a_result_is_loaded_though_its_options_are_not_quite_ours() {
+        let path = file("aged");
+        let result = run(&ball(50), &tiny());
+        result.save(&path).unwrap();
+        let mut store = Store::read(&path).unwrap();
+        store.values.retain(|(key, _)| key != "config.weights.bridge");
+        store.put("config.weights.later", 1);
+        store.write(&path).unwrap();
+        let loaded = Reconstruction::load(&path).unwrap();
+        assert!(bits(&loaded) == bits(&result));
+        assert_eq!(loaded.notices().len(), 2, "{:?}", loaded.notices());
+        std::fs::remove_file(path).unwrap();
+    }
+
+    #[test]
     fn a_loaded_result_is_the_one_that_was_saved() {
         let path = file("result");
         for deformation in [Deformation::Projection, Deformation::Offset] {
@@ -474,6 +538,7 @@ mod tests {
             let loaded = Reconstruction::load(&path).unwrap();
             assert!(bits(&loaded) == bits(&result));
             assert_eq!((loaded.cloud(), loaded.config()), (result.cloud(), result.config()));
+            assert!(loaded.notices().is_empty() && result.notices().is_empty());
             let error = Trainer::resume(&path, &ball(50), &tiny()).err().unwrap();
             assert_eq!(error.kind(), ErrorKind::Checkpoint);
         }

@@ -3,7 +3,7 @@
 use super::Phase;
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Activation, Deformation, FieldConfig};
+use crate::gdo::{Activation, Deformation, FieldConfig, octave_factor};
 use crate::optim::{Decay, Schedule};
 
 /// The shape that the field starts as.
@@ -228,12 +228,19 @@ impl Config {
     /// # Errors
     /// [`ErrorKind::Config`] with the option and what to do about it.
     pub fn validate(&self) -> Result<(), Error> {
+        self.validate_result()?;
+        self.validate_parameterization()?;
+        self.validate_training()
+    }
+
+    /// Whether those options are in range that a trained field and its mesh follow from.
+    pub(super) fn validate_result(&self) -> Result<(), Error> {
         let f = &self.field;
         within("field.width", f.width, 1, 1024)?;
         within("field.depth", f.depth, 1, 32)?;
         within("field.octaves", f.octaves, 0, 16)?;
         positive("field.frequency", f.frequency, 1000.0)?;
-        let highest = f.frequency * (1u32 << f.octaves.saturating_sub(1)) as f32;
+        let highest = f.frequency * octave_factor(f.octaves.saturating_sub(1));
         let advice = "lower field.frequency or field.octaves: frequency 2^(octaves - 1) may be at most 1000";
         check("field.octaves", f.octaves == 0 || highest <= MOST_FREQUENCY, f.octaves, advice)?;
         positive("field.radius", f.radius, 0.57)?;
@@ -244,6 +251,12 @@ impl Config {
             let advice = "use a hidden layer from 1 to field.depth - 1, or none";
             check("field.skip", skip > 0 && skip < f.depth, skip, advice)?;
         }
+        let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
+        let fits = (0.0..=1.0).contains(&self.min_component);
+        check("mesh.min_component", fits, self.min_component, advice)
+    }
+
+    fn validate_parameterization(&self) -> Result<(), Error> {
         let b = &self.bsp;
         within("bsp.channels", b.channels, 2, 1024)?;
         within("bsp.heads", b.heads, 1, b.channels)?;
@@ -273,7 +286,7 @@ impl Config {
         for (key, rate) in [("field_rate", &self.field_rate), ("bsp_rate", &self.bsp_rate)] {
             check_rate(key, rate)?;
         }
-        self.validate_training()
+        Ok(())
     }
 
     fn validate_training(&self) -> Result<(), Error> {
@@ -319,10 +332,7 @@ impl Config {
         within("surface_samples", self.surface_samples, 0, MOST_DRAWN)?;
         within("bsp.pretrain", self.bsp_pretrain, 0, MOST_STEPS)?;
         within("start.steps", self.start.steps, 0, MOST_STEPS)?;
-        not_negative("clip", self.clip)?;
-        let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
-        let fits = (0.0..=1.0).contains(&self.min_component);
-        check("mesh.min_component", fits, self.min_component, advice)
+        not_negative("clip", self.clip)
     }
 }
 
@@ -410,6 +420,8 @@ mod tests {
         for (key, value) in [
             ("field.width", "0"),
             ("field.skip", "99"),
+            ("field.octaves", "32"),
+            ("field.octaves", "18446744073709551615"),
             ("field.activation", "softplus:-1"),
             ("bsp.channels", "63"),
             ("bsp.sphere", "NaN"),

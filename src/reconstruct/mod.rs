@@ -20,6 +20,8 @@ mod options;
 mod phases;
 mod preset;
 mod run;
+#[cfg(feature = "checkpoint")]
+mod saved_options;
 mod scale;
 mod step;
 #[cfg(feature = "checkpoint")]

@@ -22,6 +22,7 @@ pub struct Reconstruction {
     /// S, working frame.
     pub(super) surface: Vec<[f32; 3]>,
     pub(super) coverage: Option<Coverage>,
+    pub(super) notices: Vec<String>,
 }
 
 /// What a run ends with before it is finished, in the working frame.
@@ -150,6 +151,12 @@ impl Reconstruction {
     /// The distinct points it was made from, n x 3, as given.
     pub fn cloud(&self) -> &[[f32; 3]] {
         &self.cloud
+    }
+
+    /// What a user should know of the file that it was loaded from, such as options that this version does not have;
+    /// empty for one that was just made.
+    pub fn notices(&self) -> &[String] {
+        &self.notices
     }
 
     /// The options it was made with, adapted to the number of points.

@@ -11,7 +11,6 @@ use crate::error::Error;
 use crate::geometry::TetGrid;
 use crate::optim::{Schedule, gradient_norm};
 use std::fmt;
-use std::time::Instant;
 
 /// Steps between two states that are kept to fall back to.
 const KEEP_EVERY: usize = 20;
@@ -79,7 +78,6 @@ impl Trainer {
 
     /// One step of the regression. On an error the parameters are as before it.
     pub(super) fn try_start(&mut self) -> Result<StepReport, Error> {
-        let began = Instant::now();
         let shape = self.shape.as_mut().expect("the phase has no steps without a shape");
         let fit = shape.fit.step(&self.field, &mut self.work.pass, self.step);
         let gradient_norm = gradient_norm(&fit.gradients);
@@ -97,12 +95,11 @@ impl Trainer {
         self.field_adam.step(self.field.params_mut().values_mut(), &fit.gradients, field_rate);
         let report = StepReport { loss: fit.loss, field_rate, gradient_norm, ..self.blank_report() };
         self.step += 1;
-        Ok(StepReport { seconds: began.elapsed().as_secs_f64(), ..report })
+        Ok(report)
     }
 
     /// One step of the parameterization alone, on L_para. On an error the parameters are as before it.
     pub(super) fn try_pretrain(&mut self) -> Result<StepReport, Error> {
-        let began = Instant::now();
         let (_, step) = self.config.phase_at(self.step);
         let map = self.map.as_ref().expect("the phase has no steps without a map");
         let block = &self.blocks[step % self.blocks.len()];
@@ -136,7 +133,7 @@ impl Trainer {
         }
         let report = StepReport { loss, para: loss, bsp_rate, gradient_norm, ..self.blank_report() };
         self.step += 1;
-        Ok(StepReport { seconds: began.elapsed().as_secs_f64(), ..report })
+        Ok(report)
     }
 
     /// Where the regression left most points outside, as it may for a blade that is thin against what the network can

@@ -2,6 +2,7 @@
 
 use super::Config;
 use super::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
+use crate::gdo::octave_factor;
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
@@ -64,7 +65,7 @@ impl Config {
         let finer = ((s.log2() / 2.0).round() as usize).min(MOST_OCTAVES);
         for _ in 0..finer {
             let field = &mut self.field;
-            if field.octaves > 0 && field.frequency * (1u32 << field.octaves) as f32 <= MOST_FREQUENCY {
+            if field.octaves > 0 && field.frequency * octave_factor(field.octaves) <= MOST_FREQUENCY {
                 field.octaves += 1;
             }
         }
@@ -132,5 +133,16 @@ mod tests {
         scaled.validate().unwrap();
         assert_eq!(scaled.stages, [Stage { resolution: 256, steps: MOST_STEPS }]);
         assert_eq!(scaled.field.octaves, 9);
+    }
+
+    #[test]
+    fn octaves_out_of_range_are_left_to_validation() {
+        for octaves in [31, 32, 1000, usize::MAX] {
+            let mut config = Config::preset(Preset::Default);
+            config.field.octaves = octaves;
+            let scaled = config.for_points(1 << 20);
+            assert_eq!(scaled.field.octaves, octaves);
+            assert_eq!(scaled.validate().unwrap_err().element(), Some("option field.octaves"));
+        }
     }
 }

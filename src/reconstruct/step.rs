@@ -6,7 +6,7 @@ use super::{Config, Phase, Trainer};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{FieldValues, FieldVars, deform, sample_faces};
+use crate::gdo::{FaceSamples, FieldValues, FieldVars, deform};
 use crate::geometry::TriangleBvh;
 use crate::loss::Direction;
 use crate::nn::Bound;
@@ -15,7 +15,6 @@ use crate::tensor::Tensor;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0, and where
 /// the phase does not have them.
@@ -65,8 +64,6 @@ pub struct StepReport {
     pub surface_verts: usize,
     /// Recoveries so far.
     pub recoveries: usize,
-    /// Time the step took, in seconds; nothing depends on it.
-    pub seconds: f64,
 }
 
 impl StepReport {
@@ -127,7 +124,6 @@ pub(super) const FAR: f32 = 1e6;
 impl Trainer {
     /// One iteration of the training proper. On an error the parameters are as before it; what it worked with is not.
     pub(super) fn try_step(&mut self) -> Result<StepReport, Error> {
-        let began = Instant::now();
         self.look_for_gaps()?;
         let refreshed = self.refresh_band()?;
         let view = self.view();
@@ -154,7 +150,6 @@ impl Trainer {
         self.keep_surface(&recorded, &view);
         self.update(&pulled, &report);
         self.step += 1;
-        report.seconds = began.elapsed().as_secs_f64();
         Ok(report)
     }
 
@@ -204,7 +199,15 @@ impl Trainer {
     pub(super) fn record(&mut self, sampled: &Sampled, view: &View) -> Result<Recorded, Error> {
         let step = self.train_step();
         let progress = step as f32 / self.config.steps_in(Phase::Train).max(1) as f32;
-        let Workspace { tape, band, iso, tree, .. } = &mut self.work;
+        let Workspace {
+            tape,
+            band,
+            iso,
+            tree,
+            #[cfg(test)]
+            held_samples,
+            ..
+        } = &mut self.work;
         let band = band.as_ref().expect("refreshed first");
         let v = band.verts.len();
         tape.clear();
@@ -228,7 +231,14 @@ impl Trainer {
             count => {
                 let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
                 rng.set_stream(step as u64 + 1);
-                let drawn = sample_faces(tape, crossings, &iso.faces, count, &mut rng);
+                let at = tape.value(crossings).data().as_chunks().0;
+                let samples = FaceSamples::draw(at, &iso.faces, count, &mut rng);
+                #[cfg(test)]
+                let samples = match &*held_samples {
+                    Some(held) => held.get_or_init(|| samples).clone(),
+                    None => samples,
+                };
+                let drawn = samples.on(tape, crossings);
                 let tree = tree.get_or_insert_with(TriangleBvh::over_nothing);
                 tree.rebuild(tape.value(crossings).data().as_chunks().0, &iso.faces)?;
                 (drawn, Some(&*tree))
@@ -325,7 +335,6 @@ impl Trainer {
             active_verts: band.map_or(0, |b| b.verts.len()),
             surface_verts: self.work.iso.edges.len(),
             recoveries: self.recoveries,
-            seconds: 0.0,
         }
     }
 

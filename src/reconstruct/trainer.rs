@@ -343,6 +343,7 @@ impl Trainer {
             cloud: self.input,
             shape,
             finish,
+            notices: Vec::new(),
         }
     }
 }

@@ -21,6 +21,10 @@ const SMALL_BLOCK: usize = 24;
 /// Multiply-adds below which a product stays on the calling thread.
 const PARALLEL_MIN: usize = 1 << 20;
 
+/// Values of panels that a thread keeps from one product to the next, 4 MB: right sides of up to about 4,000 columns.
+/// What is larger is given back, since the threads of the pool live as long as the program.
+const MAX_KEPT: usize = 1 << 20;
+
 thread_local! {
     /// Panels of the products on this thread, so that their memory is not asked for again and again.
     static PANELS: Cell<Panels> = const { Cell::new(Panels::new()) };
@@ -69,7 +73,9 @@ fn gemm_with(
             let base = if first == 0 { base } else { Base::Out };
             product(out, stride, base, a.part(0, m, first, depth), &panels);
         }
-        PANELS.set(panels);
+        if panels.capacity() <= MAX_KEPT {
+            PANELS.set(panels);
+        }
     }
 }
 
@@ -236,6 +242,28 @@ mod tests {
     use super::*;
     use crate::simd::testing::{rows, same_at_all, same_where_products_fuse};
     use proptest::prelude::*;
+
+    #[test]
+    fn memory_of_large_products_is_given_back() {
+        // What this thread keeps after a product with a right side of 256 rows and so many columns.
+        let kept = |columns: usize| {
+            let (left, right) = (vec![1.0; 8 * DEPTH], vec![0.5; DEPTH * columns]);
+            let mut out = vec![0.0; 8 * columns];
+            let (a, b) =
+                (MatRef::window(&left, 8, DEPTH, DEPTH), MatRef::window(&right, DEPTH, columns, columns));
+            gemm_serial(&mut out, columns, Base::Zero, a, b);
+            assert!(out.iter().all(|&x| x == 0.5 * DEPTH as f32));
+            let panels = PANELS.take();
+            let capacity = panels.capacity();
+            PANELS.set(panels);
+            capacity
+        };
+        assert_eq!(kept(5000), 0);
+        let usual = kept(1024);
+        assert!((DEPTH * 1024..=MAX_KEPT).contains(&usual), "{usual}");
+        assert_eq!(kept(512), usual);
+        assert_eq!(kept(5000), 0);
+    }
 
     proptest! {
         #[test]

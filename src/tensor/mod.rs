@@ -38,7 +38,7 @@ impl Shape {
     /// A shape of these dimensions.
     ///
     /// # Panics
-    /// If there are none or more than [`MAX_RANK`].
+    /// If there are none or more than [`MAX_RANK`], or the product of those that are not 0 overflows.
     #[track_caller]
     pub fn new(dims: &[usize]) -> Self {
         assert!(
@@ -46,6 +46,9 @@ impl Shape {
             "tensor: {} dimensions, 1 to {MAX_RANK} expected",
             dims.len()
         );
+        // Without those that are 0, so that the number of rows fits, too.
+        let len = dims.iter().try_fold(1usize, |len, &d| len.checked_mul(d.max(1)));
+        assert!(len.is_some(), "tensor: {dims:?} are more values than can be counted");
         let mut shape = Shape { dims: [1; MAX_RANK], rank: dims.len() };
         shape.dims[..dims.len()].copy_from_slice(dims);
         shape
@@ -273,6 +276,17 @@ mod tests {
         assert_eq!((t.rows(), t.cols(), t.len()), (6, 4, 24));
         assert_eq!(format!("{:?}", t.shape()), "[2x3x4]");
         assert_eq!(t.reshaped(&[24, 1]).rows(), 24);
+    }
+
+    #[test]
+    fn sizes_that_overflow_are_refused() {
+        assert_eq!(Shape::new(&[usize::MAX, 0]).len(), 0);
+        assert_eq!(Shape::new(&[usize::MAX, 1]).len(), usize::MAX);
+        for dims in [&[usize::MAX, 2][..], &[1 << 33, 1 << 31], &[usize::MAX, usize::MAX, 0]] {
+            let refused = std::panic::catch_unwind(|| Shape::new(dims)).unwrap_err();
+            let message = refused.downcast_ref::<String>().unwrap();
+            assert!(message.contains("more values than can be counted"), "{message}");
+        }
     }
 
     #[test]

@@ -7,9 +7,10 @@ use bijective_sdf::reconstruct::{Config, Preset};
 use bijective_sdf::{Error, ErrorKind};
 use toml::{Table, Value};
 
+use super::super::config_text::{flatten, parse, scalar};
 use super::super::failure::Failure;
 use super::super::sample::Noise;
-use super::super::settings::{Settings, flatten, named_preset, parse, scalar};
+use super::super::settings::{Settings, named_preset};
 use super::ablations::{ABLATIONS, Ablation, OURS, Published, changes};
 
 /// What is done to the input before it is reconstructed.

@@ -33,6 +33,11 @@ impl Panels {
         Panels { data: Vec::new(), start: 0, rows: 0, cols: 0, set: InstructionSet::Portable }
     }
 
+    /// Values that the memory they hold has room for.
+    pub(crate) fn capacity(&self) -> usize {
+        self.data.capacity()
+    }
+
     pub(crate) fn rows(&self) -> usize {
         self.rows
     }
