@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use bijective_sdf::evaluate::GroundTruth;
 use bijective_sdf::geometry::TriangleMesh;
 use bijective_sdf::io::{
-    Encoding, Format, PointCloud, read_cloud_bytes, read_mesh_bytes, write_atomic, write_cloud_to,
+    Encoding, Format, PointCloud, ReadOptions, read_cloud_with, read_mesh_with, write_atomic, write_cloud_to,
     write_mesh_to,
 };
 use bijective_sdf::{Error, ErrorKind};
@@ -52,13 +52,18 @@ pub fn format_parser() -> impl TypedValueParser<Value = Format> {
 /// The bytes of an input and its name for messages. `-` is standard input.
 pub struct Input<'a> {
     path: &'a Path,
-    format: Option<Format>,
+    options: ReadOptions,
     bytes: Vec<u8>,
 }
 
 impl<'a> Input<'a> {
-    /// Reads everything; the format is the given one, else what the file name says, else left to the content.
+    /// Reads everything; the format is the given one, else what the content shows, else what the file name says.
     pub fn read(path: &'a Path, format: Option<Format>) -> Result<Self, Failure> {
+        Self::read_with(path, ReadOptions { format, ..ReadOptions::default() })
+    }
+
+    /// Reads everything, to be understood as the user says.
+    pub fn read_with(path: &'a Path, mut options: ReadOptions) -> Result<Self, Failure> {
         let failed =
             |e| Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e));
         if is_pipe(path) {
@@ -66,10 +71,11 @@ impl<'a> Input<'a> {
             io::stdin().lock().read_to_end(&mut bytes).map_err(|e| {
                 Failure::Input(Error::new(ErrorKind::Io, "cannot read standard input").caused_by(e))
             })?;
-            return Ok(Input { path: Path::new("standard input"), format, bytes });
+            return Ok(Input { path: Path::new("standard input"), options, bytes });
         }
         let bytes = fs::read(path).map_err(failed)?;
-        Ok(Input { path, format: format.or_else(|| Format::from_path(path)), bytes })
+        options.hint = Format::from_path(path);
+        Ok(Input { path, options, bytes })
     }
 
     /// The name for messages.
@@ -79,25 +85,27 @@ impl<'a> Input<'a> {
 
     /// The points.
     pub fn cloud(&self) -> Result<PointCloud, Failure> {
-        read_cloud_bytes(&self.bytes, self.format).map_err(|e| Failure::Input(e.in_file(self.path)))
+        read_cloud_with(&self.bytes, &self.options).map_err(|e| Failure::Input(e.in_file(self.path)))
     }
 
     /// The mesh.
     pub fn mesh(&self) -> Result<TriangleMesh, Failure> {
-        read_mesh_bytes(&self.bytes, self.format).map_err(|e| Failure::Input(e.in_file(self.path)))
+        read_mesh_with(&self.bytes, &self.options).map_err(|e| Failure::Input(e.in_file(self.path)))
     }
 
     /// The mesh, or the points if the file has no faces.
     pub fn content(&self) -> Result<Content, Failure> {
-        let format = self.format.or_else(|| Format::from_content(&self.bytes));
-        if format.is_some_and(|f| !MESH_FORMATS.contains(&f)) {
+        let found = || Format::from_content_and(&self.bytes, self.options.hint);
+        if self.options.format.or_else(found).is_some_and(|f| !f.holds_faces()) {
             return self.cloud().map(Content::Cloud);
         }
         match self.mesh() {
-            // A file that has points and is whole, but is no mesh, is a cloud; damage shows in both readings.
-            Err(Failure::Input(e)) if e.kind() == ErrorKind::Data => {
-                self.cloud().map(Content::Cloud).map_err(|_| Failure::Input(e))
-            }
+            // A file that has points and is whole, but has no faces, is a cloud; what is wrong with a mesh is told.
+            Err(Failure::Input(e)) if e.kind() == ErrorKind::Data => match self.cloud() {
+                Ok(cloud) if cloud.faces == 0 => Ok(Content::Cloud(cloud)),
+                Err(Failure::Input(own)) if own.kind() == ErrorKind::Data => Err(Failure::Input(own)),
+                _ => Err(Failure::Input(e)),
+            },
             result => result.map(Content::Mesh),
         }
     }

@@ -64,6 +64,23 @@ impl Format {
         Format::ALL.into_iter().find(|f| f.extensions().contains(&extension.as_str()))
     }
 
+    /// Whether files of this format can hold faces.
+    pub fn holds_faces(self) -> bool {
+        matches!(self, Format::Ply | Format::Obj | Format::Stl)
+    }
+
+    /// The format of a file whose name means `hint`: what the content shows wins, and the name decides where the content
+    /// fits several formats or none.
+    pub fn from_content_and(bytes: &[u8], hint: Option<Format>) -> Option<Format> {
+        match (Format::from_content(bytes), hint) {
+            // Columns of numbers are read alike under both names.
+            (Some(Format::Xyz | Format::Csv), Some(hint @ (Format::Xyz | Format::Csv))) => Some(hint),
+            // Rows of floats may happen to be text, or to have the size that a binary STL names.
+            (Some(Format::Stl), Some(Format::Kitti)) if !bytes.starts_with(b"solid") => Some(Format::Kitti),
+            (found, hint) => found.or(hint),
+        }
+    }
+
     /// The format that the first bytes of a file point to.
     ///
     /// KITTI rows carry no signature, so [`Format::Kitti`] is never guessed.
@@ -71,7 +88,8 @@ impl Format {
         if bytes.starts_with(b"\x93NUMPY") {
             return Some(Format::Npy);
         }
-        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        let line = bytes[..bytes.len().min(64)].split(|b| b"\n\r".contains(b)).next().unwrap_or_default();
+        if line.len() < bytes.len() && line.trim_ascii_end() == b"ply" {
             return Some(Format::Ply);
         }
         if super::stl::looks_like_stl(bytes) {
@@ -98,7 +116,7 @@ fn from_text(start: &[u8]) -> Option<Format> {
     }
     for (_, line) in Lines::new(start).take(64) {
         let line = line.trim_ascii();
-        if line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") {
+        if line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") || line.starts_with(b"%") {
             continue;
         }
         let first = words(line).next()?;

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::{Format, check_point, obj, ply, stl, write_atomic, xyz};
+use super::{Format, Want, check_point, obj, ply, stl, table, write_atomic};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
@@ -145,8 +145,8 @@ fn emit_cloud(
 ) -> io::Result<()> {
     match format {
         Format::Ply => ply::write(out, points, None, ply_encoding(encoding)),
-        Format::Xyz => xyz::write(out, points, " "),
-        Format::Csv => xyz::write(out, points, ","),
+        Format::Xyz => table::write(out, points, " "),
+        Format::Csv => table::write(out, points, ","),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a cloud format")),
     }
 }
@@ -184,7 +184,7 @@ fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
         .advise("write the mesh in parts"));
     }
     for (i, &p) in mesh.verts.iter().enumerate() {
-        check_point(p, "vertex", i)?;
+        check_point(p.map(f64::from), Want::Mesh, "vertex", i)?;
     }
     if let Some(i) = mesh.faces.iter().position(|face| face.iter().any(|&c| c as usize >= v)) {
         return Err(Error::new(
@@ -204,7 +204,7 @@ fn check_cloud(points: &[[f32; 3]], format: Format) -> Result<(), Error> {
     if points.is_empty() {
         return Err(Error::new(ErrorKind::Data, "there are no points to write"));
     }
-    points.iter().enumerate().try_for_each(|(i, &p)| check_point(p, "point", i))
+    points.iter().enumerate().try_for_each(|(i, &p)| check_point(p.map(f64::from), Want::Mesh, "point", i))
 }
 
 fn failed(e: io::Error) -> Error {
