@@ -91,6 +91,74 @@ fn raw_rows_of_another_length_are_doubted() {
 }
 
 #[test]
+fn an_input_is_never_overwritten_however_it_is_named() {
+    let dir = Dir::new("over");
+    let cloud = dir.cloud();
+    let before = fs::read(&cloud).unwrap();
+    let mesh = dir.mesh("box.ply", true);
+    fs::create_dir(dir.path("sub")).unwrap();
+    fs::hard_link(&cloud, dir.path("hard.ply")).unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(&cloud, dir.path("soft.ply")).unwrap();
+    let names =
+        ["./cloud.ply", "sub/../cloud.ply", "hard.ply"].into_iter().chain(cfg!(unix).then_some("soft.ply"));
+    for name in names {
+        let mut command = tiny(Path::new("cloud.ply"), Path::new(name));
+        fails(command.current_dir(&dir.0), 2, &["--output", "overwrite the input"]);
+        let mut command = tiny(Path::new(name), Path::new("mesh.ply"));
+        command.args(["--checkpoint", "cloud.ply"]).current_dir(&dir.0);
+        fails(&mut command, 2, &["--checkpoint", "overwrite the input"]);
+    }
+    // Two results in one file, one of them not there yet.
+    let mut command = tiny(Path::new("cloud.ply"), Path::new("new.ply"));
+    command.args(["--surface-points", "./new.ply"]).current_dir(&dir.0);
+    fails(&mut command, 2, &["both"]);
+    fails(program().arg("sample").arg(&mesh).arg("-o").arg(dir.path("sub/../box.ply")), 2, &["overwrite"]);
+    assert!(fs::read(&cloud).unwrap() == before);
+}
+
+#[test]
+fn formats_are_told_by_content_and_others_are_named() {
+    let dir = Dir::new("formats");
+    let rows =
+        |end: &str| torus().iter().map(|p| format!("{} {} {}{end}\n", p[0], p[1], p[2])).collect::<String>();
+    let head =
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 60\nHEIGHT 1\nDATA ascii\n";
+    let pose = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    let cases = [
+        ("a.xyz", format!("OFF\n60 0 0\n{}", rows(""))),
+        ("b.off", format!("COFF\n60 0 0\n{}", rows(" 255 0 0 255"))),
+        ("c.txt", format!("{head}{}", rows(""))),
+        ("d.pts", format!("60\n1\n{pose}{}", rows(" 0.5"))),
+        (
+            "e",
+            format!("# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 60 float\n{}", rows("")),
+        ),
+    ];
+    for (name, text) in cases {
+        is_torus(&info(&dir.text(name, text), &[]));
+    }
+    let ply = dir.path("torus.ply");
+    write_cloud(&ply, &torus()).unwrap();
+    for name in ["f.stl", "g.xyz", "h.bin"] {
+        fs::copy(&ply, dir.path(name)).unwrap();
+        is_torus(&info(&dir.path(name), &[]));
+    }
+    for (name, bytes, part) in [
+        ("a.glb", &b"glTF\x02\0\0\0"[..], "a GLB model"),
+        ("b.dxf", b"  0\nSECTION\n  2\nHEADER\n", "a DXF drawing"),
+        ("c.rcp", b"\x01\x02\x03", "ReCap"),
+        ("d.xlsx", b"PK\x05\x06\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", "zip archive"),
+    ] {
+        fails(program().arg("info").arg(dir.text(name, bytes)), 3, &[name, part, "; "]);
+    }
+    // A mesh as OFF, and back.
+    let off = dir.path("mesh.off");
+    run(&mut tiny(&ply, &off), 0);
+    assert_eq!(parse(&out(&run(program().arg("info").arg(&off).arg("--json"), 0))).at("kind").text(), "mesh");
+}
+
+#[test]
 fn what_is_left_out_is_told_even_when_quiet() {
     let dir = Dir::new("left");
     let fillers = file(&dir, "fillers.xyz", "", |i, p| match i % 10 {

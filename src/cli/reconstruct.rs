@@ -15,8 +15,8 @@ use super::codes::CodesFiles;
 use super::coverage::{coverage_json, coverage_text};
 use super::failure::Failure;
 use super::files::{
-    CLOUD_FORMATS, MESH_FORMATS, Output, check_writable, format_parser, is_pipe, is_same_file, print,
-    write_bytes,
+    CLOUD_FORMATS, MESH_FORMATS, Output, check_apart, check_writable, format_parser, is_pipe, is_same_file,
+    print, write_bytes,
 };
 use super::interrupt::Interrupt;
 use super::json::{Object, list, quoted};
@@ -41,7 +41,7 @@ pub fn resolution_parser() -> impl TypedValueParser<Value = usize> {
 pub struct ReconstructArgs {
     /// The point cloud, or `-`; `bijective-sdf reconstruct --help` lists the formats at --format
     input: PathBuf,
-    /// The mesh to write (ply, obj, stl), or `-`
+    /// The mesh to write (ply, obj, stl, off), or `-`
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     #[command(flatten)]
@@ -235,7 +235,7 @@ impl Places {
         .filter_map(|(option, path)| path.map(|p| (option, p.as_path())))
         .collect();
         for (i, (option, path)) in files.iter().enumerate() {
-            if let Some((other, _)) = files[..i].iter().find(|(_, p)| p == path) {
+            if let Some((other, _)) = files[..i].iter().find(|(_, p)| p == path || is_same_file(p, path)) {
                 return Err(Failure::Usage(format!("{other} and {option} are both {}", path.display())));
             }
             if is_pipe(path) && ["--save-field", "--checkpoint"].contains(option) {
@@ -244,9 +244,10 @@ impl Places {
             if is_pipe(path) && args.json {
                 return Err(Failure::Usage(format!("{option} - and --json would mix on standard output")));
             }
-            if is_same_file(path, &args.input) {
-                let text = format!("{option} would overwrite the input, {}", path.display());
-                return Err(Failure::Usage(text));
+            check_apart(option, path, &args.input)?;
+            // A run may go on in the checkpoint that it came from.
+            if let Some(resume) = args.resume.as_deref().filter(|_| *option != "--checkpoint") {
+                check_apart(option, path, resume)?;
             }
             check_writable(path)?;
         }

@@ -24,8 +24,10 @@ struct Column {
     last: f64,
     low: f64,
     high: f64,
-    /// Each number was written without a fraction.
+    /// Each number is whole.
     whole: bool,
+    /// Each number was written without a decimal sign.
+    bare: bool,
     /// Rows with a fraction.
     fractions: usize,
     /// Each number is one more than that before.
@@ -48,12 +50,13 @@ impl Evidence {
         self.rows < ROWS
     }
 
-    /// Adds a row: each number, NaN where there is none, and whether it is written without a fraction.
+    /// Adds a row: each number, NaN where there is none, and whether it is written without a decimal sign.
     pub fn add(&mut self, row: impl Iterator<Item = (f64, bool)>) {
         let mut values = [f64::NAN; COLUMNS];
         let mut count = 0;
-        for (i, (value, whole)) in row.take(COLUMNS).enumerate() {
+        for (i, (value, bare)) in row.take(COLUMNS).enumerate() {
             (values[i], count) = (value, i + 1);
+            let whole = value.fract() == 0.0;
             if self.rows == 0 {
                 let at = value;
                 self.columns.push(Column {
@@ -62,12 +65,14 @@ impl Evidence {
                     low: at,
                     high: at,
                     whole,
-                    fractions: usize::from(!whole),
+                    bare,
+                    fractions: usize::from(!whole && value.is_finite()),
                     counts: whole,
                     rises: true,
                 });
             } else if let Some(c) = self.columns.get_mut(i) {
                 c.whole &= whole;
+                c.bare &= bare;
                 c.fractions += usize::from(!whole && value.is_finite());
                 c.counts &= whole && value == c.last + 1.0;
                 c.rises &= value > c.last;
@@ -139,9 +144,9 @@ impl Evidence {
         None
     }
 
-    /// Whether the first three columns hold whole numbers only.
-    pub fn all_whole(&self) -> bool {
-        self.rows > 0 && self.columns.iter().take(3).all(|c| c.whole)
+    /// Whether the first three columns hold whole numbers only, written as such.
+    pub fn all_bare(&self) -> bool {
+        self.rows > 0 && self.columns.iter().take(3).all(|c| c.bare)
     }
 
     /// Whether the first column counts although there are only three.
@@ -195,6 +200,7 @@ mod tests {
         let from = |row: &dyn Fn(u32) -> String| of((0..40).map(row)).map(|d| d.from);
         assert_eq!(from(&|i| format!("{} {}", i + 1, three(i))), Some(Some(1)));
         assert_eq!(from(&|i| format!("{} {} 5", 7 + i * i, three(i))), Some(Some(1)));
+        assert_eq!(from(&|i| format!("{}.000 {}", i + 1, three(i))), Some(Some(1)));
         assert_eq!(from(&|i| format!("{} {} {}", i / 8, i % 8, three(i))), Some(Some(2)));
         assert_eq!(from(&|i| format!("{} 7 {} {}", i * 77 % 256, 255 - i, three(i))), Some(Some(3)));
         assert_eq!(from(&|i| format!("{}.25 {}", 1_600_000_000 + 5 * i, three(i))), Some(Some(1)));

@@ -1,8 +1,9 @@
 //! Readers and writers of point clouds and triangle meshes.
 //!
-//! The format is chosen by the file name's extension, else by the content, or named outright. Every reader checks what
-//! a file promises against the bytes at hand before it reserves memory, and refuses coordinates that are not finite,
-//! so what comes out can be used as it is. Errors carry the file, the line of a text and the element (`point 17`,
+//! The format is chosen by the content, and by the file name's extension where the content fits several formats or none;
+//! or it is named outright. Every reader checks what a file promises against the bytes at hand before it reserves
+//! memory. Rows of a cloud that hold no point are left out with a warning, and where it is not certain which numbers are
+//! the coordinates, nothing is read; so what comes out can be used as it is. Errors carry the file, the line of a text and the element (`point 17`,
 //! `face 3`, counted from 0).
 //!
 //! | Format | read cloud | read mesh | write cloud | write mesh |
@@ -12,12 +13,19 @@
 //! | CSV | yes | | yes | |
 //! | OBJ | yes | yes | | yes |
 //! | STL (text, binary) | yes | yes | | yes |
-//! | NPY | yes | | | |
-//! | KITTI `.bin` | yes | | | |
+//! | OFF, COFF, NOFF, STOFF | yes | yes | | yes, as OFF |
+//! | PCD (text, binary, packed), PTX, legacy VTK | yes | | | |
+//! | NPY, NPZ | yes | | | |
+//! | LAS; with the feature `formats` LAZ and E57 | yes | | | |
+//! | raw floats (KITTI `.bin`) | yes | | | |
+//!
+//! With the feature `formats` each of them may be packed with gzip. Formats that are not read are named, with how to
+//! convert them.
 //!
 //! Adding a format takes one file with `read` and `write`, a variant of [`Format`] and a line in each of the
 //! matches below.
 
+use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
@@ -25,19 +33,30 @@ use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
 mod doubt;
+mod e57;
 mod fillers;
+mod foreign;
 mod format;
+mod las;
 mod npy;
+mod npz;
 mod obj;
+mod off;
 mod options;
+mod packed;
+mod pcd;
 mod ply;
+mod ptx;
 mod raw;
 mod stl;
 mod table;
 mod text;
+mod vtk;
 mod write;
+mod zip;
 
 pub use crate::atomic::write_atomic;
+pub use foreign::name_file;
 pub use format::Format;
 pub use options::{Columns, Raw, ReadOptions};
 pub use write::{
@@ -104,6 +123,7 @@ pub fn read_cloud_bytes(bytes: &[u8], format: Option<Format>) -> Result<PointClo
 /// what to give.
 pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud, Error> {
     let want = if options.every_row { Want::EveryRow } else { Want::Cloud };
+    let bytes = &unpacked(bytes)?;
     let mut loaded = load(bytes, choose(bytes, options)?, options, want)?;
     let total = loaded.verts.len();
     if !options.every_row {
@@ -135,7 +155,7 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
     })
 }
 
-/// Reads a triangle mesh from a PLY, OBJ or STL file; polygons become fans of triangles.
+/// Reads a triangle mesh from a PLY, OBJ, STL or OFF file; polygons become fans of triangles.
 ///
 /// Every face index is below the number of vertices. Vertices and faces keep the order of the file; STL, which repeats
 /// each vertex, gets equal positions merged.
@@ -173,6 +193,7 @@ pub fn read_mesh_bytes(bytes: &[u8], format: Option<Format>) -> Result<TriangleM
 ///
 /// As [`read_mesh_bytes`].
 pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMesh, Error> {
+    let bytes = &unpacked(bytes)?;
     let loaded = load(bytes, choose(bytes, options)?, options, Want::Mesh)?;
     if loaded.verts.is_empty() || loaded.faces.is_empty() {
         let what = if loaded.verts.is_empty() { "vertices" } else { "faces" };
@@ -228,22 +249,42 @@ impl Loaded {
 
 fn read_cloud_path(path: &Path, format: Option<Format>) -> Result<PointCloud, Error> {
     let options = ReadOptions { format, hint: Format::from_path(path), ..ReadOptions::default() };
-    read_cloud_with(&read_file(path)?, &options).map_err(|e| e.in_file(path))
+    read_cloud_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
 }
 
 fn read_mesh_path(path: &Path, format: Option<Format>) -> Result<TriangleMesh, Error> {
     let options = ReadOptions { format, hint: Format::from_path(path), ..ReadOptions::default() };
-    read_mesh_with(&read_file(path)?, &options).map_err(|e| e.in_file(path))
+    read_mesh_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
     fs::read(path).map_err(|e| Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
 }
 
+/// The bytes of a file, unpacked if they are packed with gzip.
+fn unpacked(bytes: &[u8]) -> Result<Cow<'_, [u8]>, Error> {
+    if packed::looks_like_gzip(bytes) {
+        packed::gunzip(bytes).map(Cow::Owned)
+    } else {
+        Ok(Cow::Borrowed(bytes))
+    }
+}
+
 /// The format: the one named outright, else what the content shows, else what the name means.
 fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
-    options.format.or_else(|| Format::from_content_and(bytes, options.hint)).ok_or_else(|| {
-        let what = if bytes.is_empty() { "the file is empty" } else { "the file format is unknown" };
+    if let Some(format) = options.format {
+        return Ok(format);
+    }
+    if let Some(format) = Format::from_content(bytes) {
+        return Ok(Format::from_content_and(bytes, options.hint).unwrap_or(format));
+    }
+    if options.hint != Some(Format::Kitti)
+        && let Some(e) = foreign::by_content(bytes)
+    {
+        return Err(e);
+    }
+    options.hint.ok_or_else(|| {
+        let what = if bytes.is_empty() { "the file is empty" } else { foreign::UNKNOWN };
         Error::new(ErrorKind::Format, what).advise(format!("supported are {}", Format::list()))
     })
 }
@@ -256,12 +297,34 @@ fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Resu
     if bytes.is_empty() {
         return Err(Error::new(ErrorKind::Format, "the file is empty").advise("check how it was written"));
     }
+    let text = matches!(format, Format::Xyz | Format::Csv);
+    let columns = text || matches!(format, Format::Npy | Format::Npz | Format::Kitti);
+    let unused = [
+        (options.columns.is_some() && !columns, "columns"),
+        (options.delimiter.is_some() && !text, "a delimiter"),
+        (options.skip > 0 && !text, "lines to skip"),
+        (options.raw.is_some() && format != Format::Kitti, "rows of a raw file"),
+    ];
+    if let Some((_, what)) = unused.iter().find(|(given, _)| *given) {
+        return Err(Error::new(
+            ErrorKind::Format,
+            format!("{what} cannot be given for a file of the format {format}"),
+        )
+        .advise("leave the option out, or name the file's --format"));
+    }
     match format {
         Format::Ply => ply::read(bytes, want),
         Format::Xyz | Format::Csv => table::read(bytes, options, want),
         Format::Obj => obj::read(bytes, want),
         Format::Stl => stl::read(bytes, want),
         Format::Npy => npy::read(bytes, options, want),
+        Format::Npz => npz::read(bytes, options, want),
+        Format::Off => off::read(bytes, want),
+        Format::Pcd => pcd::read(bytes, want),
+        Format::Ptx => ptx::read(bytes, want),
+        Format::Vtk => vtk::read(bytes, want),
+        Format::Las => las::read(bytes, want),
+        Format::E57 => e57::read(bytes, want),
         Format::Kitti => raw::read(bytes, options, want),
     }
 }

@@ -135,7 +135,10 @@ fn choose(bytes: &[u8]) -> Result<Raw, Error> {
                     names.join(", then ")
                 ),
             )
-            .advise("name the rows, as in --raw f32x5, or give --assume to read x, y, z, intensity as KITTI has them"))
+            .advise(format!(
+                "name the rows, as in --raw {}, or give --assume to read x, y, z, intensity as KITTI has them",
+                names[0].split(' ').next().unwrap_or("f32x5")
+            )))
         }
     }
 }

@@ -38,6 +38,31 @@ fn samples() -> Vec<(Format, Vec<u8>)> {
     files.push((Format::Csv, cloud_bytes(&TETRAHEDRON, Format::Csv, Encoding::Ascii)));
     files.push((Format::Npy, npy::tests::write(&TETRAHEDRON)));
     let rows = TETRAHEDRON.iter().flat_map(|p| [p[0], p[1], p[2], 0.5]);
+    files.push((Format::Npz, npz::tests::archive(&[("points.npy", npy::tests::write(&TETRAHEDRON))])));
+    let text = |separator: &str| {
+        let rows: Vec<String> = TETRAHEDRON.iter().map(|p| format!("{} {} {}", p[0], p[1], p[2])).collect();
+        rows.join(separator) + "\n"
+    };
+    let faces = mesh.faces.iter().map(|f| format!("3 {} {} {}\n", f[0], f[1], f[2])).collect::<String>();
+    files.push((Format::Off, format!("OFF\n4 4 0\n{}{faces}", text("\n")).into_bytes()));
+    let pcd = "FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 4\nDATA ascii\n";
+    files.push((Format::Pcd, format!("{pcd}{}", text("\n")).into_bytes()));
+    let binary: Vec<u8> = TETRAHEDRON.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+    files.push((Format::Pcd, [pcd.replace("ascii", "binary").as_bytes(), &binary].concat()));
+    let vtk = "# vtk DataFile Version 3.0\n\nASCII\nDATASET POLYDATA\nPOINTS 4 float\n";
+    files.push((Format::Vtk, format!("{vtk}{}", text(" ")).into_bytes()));
+    let swapped: Vec<u8> = TETRAHEDRON.as_flattened().iter().flat_map(|x| x.to_be_bytes()).collect();
+    files.push((Format::Vtk, [vtk.replace("ASCII", "BINARY").as_bytes(), &swapped].concat()));
+    let mut las = las::tests::header(2, 0, &[], 4);
+    las[155..179].fill(0);
+    let steps = |p: &[f32; 3]| [&p.map(|x| ((x / 0.25) as i32).to_le_bytes()).concat()[..], &[0; 8]].concat();
+    las.extend(TETRAHEDRON.iter().flat_map(steps));
+    files.push((Format::Las, las));
+    // The origin is no place for a scan, so a place is moved there.
+    let pose = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 -1 1\n";
+    let moved = |p: &[f32; 3]| format!("{} {} {} 0.5\n", p[0], p[1], p[2] + 1.0);
+    let moved: String = TETRAHEDRON.iter().map(moved).collect();
+    files.push((Format::Ptx, format!("2\n2\n{pose}{moved}").into_bytes()));
     files.push((Format::Kitti, rows.flat_map(f32::to_le_bytes).collect()));
     files
 }
@@ -94,7 +119,10 @@ fn every_truncation_is_answered() {
 
 #[test]
 fn a_binary_truncation_is_never_taken_for_the_whole() {
-    for (format, bytes) in samples().into_iter().filter(|(f, _)| matches!(f, Format::Npy | Format::Kitti)) {
+    for (format, bytes) in samples()
+        .into_iter()
+        .filter(|(f, _)| matches!(f, Format::Npy | Format::Npz | Format::Las | Format::Kitti))
+    {
         for end in 0..bytes.len() {
             let whole = read_cloud_bytes(&bytes[..end], Some(format)).is_ok_and(|c| c.points.len() == 4);
             assert!(!whole, "{format} at {end}");

@@ -61,6 +61,11 @@ impl Dialect {
         }
     }
 
+    /// Whether a line ends with a delimiter, so that the column behind it is empty.
+    pub fn ends_open(&self, line: &[u8]) -> bool {
+        matches!(self.delimiter, Delimiter::Byte(b) if line.last() == Some(&b))
+    }
+
     /// The number in a column; NaN where the column says that there is none.
     pub fn number(&self, field: &[u8]) -> Option<f64> {
         if self.decimal_comma && field.contains(&b',') {
@@ -94,6 +99,9 @@ fn delimiter_of(line: &[u8]) -> Delimiter {
     if line.contains(&b';') {
         return Delimiter::Byte(b';');
     }
+    if line.split(|&b| b == b'|').count() > 2 {
+        return Delimiter::Byte(b'|');
+    }
     if line.contains(&b'\t') {
         // Tabs between columns that are all filled; else they are mere white space.
         let columns: Vec<&[u8]> = line.split(|&b| b == b'\t').map(<[u8]>::trim_ascii).collect();
@@ -115,7 +123,7 @@ fn delimiter_of(line: &[u8]) -> Delimiter {
             Delimiter::Byte(b',')
         };
     }
-    if line.contains(&b'|') { Delimiter::Byte(b'|') } else { Delimiter::White }
+    Delimiter::White
 }
 
 fn starts_like_number(field: &[u8]) -> bool {
@@ -134,7 +142,7 @@ mod tests {
 
     #[test]
     fn the_dialect_of_a_line() {
-        let cases: [(&str, Delimiter, bool); 14] = [
+        let cases: [(&str, Delimiter, bool); 15] = [
             ("1 2 3", Delimiter::White, false),
             ("1,2,3", Delimiter::Byte(b','), false),
             ("1, 2, 3", Delimiter::Byte(b','), false),
@@ -147,6 +155,7 @@ mod tests {
             ("1 2\t3 4", Delimiter::White, false),
             ("a,b,c", Delimiter::Byte(b','), false),
             ("1|2|3", Delimiter::Byte(b'|'), false),
+            ("1,5|2,5|3,5", Delimiter::Byte(b'|'), true),
             ("1,5 2.5 3.5", Delimiter::Byte(b','), false),
             ("1,\t2,\t3", Delimiter::Byte(b','), false),
         ];

@@ -141,10 +141,10 @@ impl Table<'_> {
             if self.is_header(&dialect, fields) {
                 return Ok(());
             }
-            self.layout = Some(self.choose(dialect, fields)?);
+            self.layout = Some(self.choose(dialect, fields, dialect.ends_open(data))?);
         }
         let index = self.loaded.verts.len();
-        self.row(fields).map_err(|e| e.at_element(format!("point {index}")))
+        self.row(fields, dialect.ends_open(data)).map_err(|e| e.at_element(format!("point {index}")))
     }
 
     /// Takes a line in front of the first row that has no numbers, or only those of a numbered header.
@@ -164,7 +164,8 @@ impl Table<'_> {
             let known = |n: &[String]| matches!(names::axes(n), Axes::Found { .. } | Axes::Degrees);
             match &self.header {
                 Some(_) if units => {}
-                Some(h) if h.comment.is_none() && known(&h.names) && !known(&names) => {}
+                // A row of words below the names of the coordinates is damage.
+                Some(h) if h.comment.is_none() && known(&h.names) && !known(&names) => return false,
                 _ => {
                     if let Some(old) = self.header.take().filter(|h| h.comment.is_none()) {
                         self.title = Some(old.names.join(" "));
@@ -172,6 +173,12 @@ impl Table<'_> {
                     self.header = Some(Header { names, comment: None });
                 }
             }
+            return true;
+        }
+        // Two columns are no point: a line of a preamble, such as `Version 2`.
+        if fields.len() < 3 && numbers.iter().any(Option::is_none) {
+            let line = fields.iter().map(|f| text(f)).collect::<Vec<_>>().join(" ");
+            self.loaded.warnings.push(format!("the line {} was not read", show(line.as_bytes())));
             return true;
         }
         // `,0,1,2` or `0,1,2`, as tables without names get when they are saved with their header.
@@ -199,8 +206,10 @@ impl Table<'_> {
     }
 
     /// Settles the columns at the first row.
-    fn choose(&mut self, dialect: Dialect, fields: &[&[u8]]) -> Result<Layout, Error> {
-        let total = fields.len();
+    fn choose(&mut self, dialect: Dialect, fields: &[&[u8]], open: bool) -> Result<Layout, Error> {
+        // The last column of the first row may be empty.
+        let named = self.header.as_ref().map_or(0, |h| h.names.len());
+        let total = fields.len() + usize::from(open && named == fields.len() + 1);
         let mut layout = Layout { dialect, point: [0, 1, 2], normal: None, total, guessed: true };
         if dialect.decimal_comma {
             self.loaded.notices.push("numbers have decimal commas".into());
@@ -340,11 +349,13 @@ impl Table<'_> {
         label_only(layout, fields, self.options.assume)
     }
 
-    fn row(&mut self, fields: &[&[u8]]) -> Result<(), Error> {
+    /// Reads a row, behind whose last delimiter one more column may be empty.
+    fn row(&mut self, fields: &[&[u8]], open: bool) -> Result<(), Error> {
         let Some(layout) = &self.layout else { return Ok(()) };
         let mut point = [0.0; 3];
         for (value, column) in point.iter_mut().zip(layout.point) {
-            let field: &[u8] = fields.get(column).copied().ok_or_else(|| {
+            let empty = (open && column == fields.len()).then_some(&b""[..]);
+            let field: &[u8] = fields.get(column).copied().or(empty).ok_or_else(|| {
                 let needed = layout.point.iter().max().map_or(3, |c| c + 1);
                 Error::new(ErrorKind::Format, format!("{needed} numbers expected, {} found", fields.len()))
                     .advise(if self.loaded.verts.is_empty() {
@@ -406,7 +417,7 @@ impl Table<'_> {
         }
         if let Some(point) = self.numbered {
             // Whole numbers all through: 0, 1, 2 is one of them.
-            let point = (self.evidence.all_whole() || self.loaded.verts.is_empty()).then_some(point);
+            let point = (self.evidence.all_bare() || self.loaded.verts.is_empty()).then_some(point);
             let what = if point.is_some() { "a point" } else { "the names of columns, not for a point" };
             self.loaded.warnings.push(format!("the first line, which counts 0, 1, 2, was taken for {what}"));
             if let Some(point) = point {

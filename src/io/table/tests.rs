@@ -20,7 +20,7 @@ fn refused(text: &str, parts: &[&str]) {
 
 #[test]
 fn reads_the_usual_dialects() {
-    let cases: [&[u8]; 33] = [
+    let cases: [&[u8]; 34] = [
         b"1 2 3\n-4.5 1e-3 6\n",
         b"1\t2\t3\r\n-4.5\t.001\t6.",
         b"1,2,3\n-4.5, 0.001 ,6\n",
@@ -49,6 +49,7 @@ fn reads_the_usual_dialects() {
         b"\"x\" \"y\" \"z\"\n\"1\" 1 2 3\n\"2\" -4.5 0.001 6\n",
         b"x,y,z\nm,m,m\n1,2,3\n-4.5,0.001,6\n",
         b"X [m];Y [m];Z [m]\n1;2;3\n-4.5;0.001;6\n",
+        b"A scan\nVersion 2.0\nx y z\n1 2 3\n-4.5 0.001 6\n",
         b"A scan of today\nx y z\n1 2 3\n-4.5 0.001 6\n",
         b"x,y,z\n1,2,3\nx,y,z\n-4.5,0.001,6\n",
         b"% x y z\n1 2 3\n-4.5 0.001 6\n",
@@ -99,8 +100,10 @@ fn counts_of_points_are_held_against_the_rows() {
 
 #[test]
 fn missing_numbers_are_rows_without_a_point() {
-    let rows = read(b"x,y,z\n1,2,3\n1,,3\nNA,2,3\n1,nan,-inf\n1.#QNAN,0,0\n-nan(ind),0,0\n").unwrap().verts;
-    assert_eq!(rows.len(), 6);
+    let rows =
+        read(b"x,y,z\n1,2,3\n1,,3\nNA,2,3\n1,nan,-inf\n1.#QNAN,0,0\n-nan(ind),0,0\n1,,\n,,\n").unwrap().verts;
+    assert_eq!(rows.len(), 8);
+    assert!(read(b"x,y,z\n1,2,\n1,2,3\n").unwrap().warnings.is_empty());
     assert!(rows[1..].iter().all(|p| p.iter().any(|x| !x.is_finite())));
     let strict = super::read(b"1 2 3\n1 nan 3\n", &ReadOptions::default(), Want::EveryRow);
     assert!(strict.map(|l| l.verts).unwrap_err().to_string().contains("line 2: point 1: y is NaN"));
@@ -162,8 +165,9 @@ fn named_columns_are_normals() {
 
 #[test]
 fn errors_name_the_line_and_the_point() {
-    let cases: [(&[u8], u64, &str); 9] = [
+    let cases: [(&[u8], u64, &str); 10] = [
         (b"1 2 3\n1 2\n", 2, "3 numbers expected, 2 found"),
+        (b"1,2,3\n1,\n", 2, "3 numbers expected, 1 found"),
         (b"1 2 3\n\n1 2 abc\n", 3, "\"abc\" is not a number"),
         (b"1 2 3\n1,5;2,5;3,5\n", 2, "is not a number; write numbers with a decimal point"),
         (b"1;2;3\n1,5;2,5;3,5\n", 2, "\"1,5\" is not a number; write numbers with a decimal point"),
