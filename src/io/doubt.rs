@@ -32,6 +32,9 @@ struct Column {
     fractions: usize,
     /// Each number is one more than that before.
     counts: bool,
+    /// Each number is as much more than that before as the second is than the first.
+    steps: bool,
+    step: f64,
     rises: bool,
 }
 
@@ -68,6 +71,8 @@ impl Evidence {
                     bare,
                     fractions: usize::from(!whole && value.is_finite()),
                     counts: whole,
+                    steps: whole,
+                    step: 0.0,
                     rises: true,
                 });
             } else if let Some(c) = self.columns.get_mut(i) {
@@ -75,6 +80,10 @@ impl Evidence {
                 c.bare &= bare;
                 c.fractions += usize::from(!whole && value.is_finite());
                 c.counts &= whole && value == c.last + 1.0;
+                if self.rows == 1 {
+                    c.step = value - c.last;
+                }
+                c.steps &= whole && value - c.last == c.step;
                 c.rises &= value > c.last;
                 c.last = value;
                 (c.low, c.high) = (c.low.min(value), c.high.max(value));
@@ -94,6 +103,10 @@ impl Evidence {
         let doubt = |what: String, from: Option<usize>| Some(Doubt { what, from });
         if rows < 3 || c.len() < 3 {
             return None;
+        }
+        if rows >= 8 && c.len() > 3 && c[0].steps && c[0].rises && !c[0].counts {
+            let what = format!("column 1 rises by {} from row to row, as point numbers do", c[0].step);
+            return doubt(what, Some(1));
         }
         let fraction = |i: usize| c.get(i).is_some_and(|c| 2 * c.fractions > rows);
         if c.len() > 3 && c[0].counts {
@@ -200,6 +213,7 @@ mod tests {
         let from = |row: &dyn Fn(u32) -> String| of((0..40).map(row)).map(|d| d.from);
         assert_eq!(from(&|i| format!("{} {}", i + 1, three(i))), Some(Some(1)));
         assert_eq!(from(&|i| format!("{} {} 5", 7 + i * i, three(i))), Some(Some(1)));
+        assert_eq!(from(&|i| format!("{} {} 7 8", 10 * i, i * i % 7)), Some(Some(1)));
         assert_eq!(from(&|i| format!("{}.000 {}", i + 1, three(i))), Some(Some(1)));
         assert_eq!(from(&|i| format!("{} {} {}", i / 8, i % 8, three(i))), Some(Some(2)));
         assert_eq!(from(&|i| format!("{} 7 {} {}", i * 77 % 256, 255 - i, three(i))), Some(Some(3)));

@@ -80,6 +80,32 @@ const NAMED: [(&str, &str, &str); 24] = [
     ("bag", "a ROS bag", "export its scans as PCD"),
 ];
 
+/// Whether the bytes are exactly the binary `points3D.bin` of COLMAP: a count, and for each point an id, three 64-bit
+/// numbers, a colour, an error, and a list of views of 8 bytes each. It would pass for a raw file.
+pub(super) fn is_colmap(bytes: &[u8]) -> bool {
+    let number = |at: usize| {
+        let part = bytes.get(at..at.checked_add(8)?)?;
+        usize::try_from(part.iter().rev().fold(0_u64, |all, b| all << 8 | u64::from(*b))).ok()
+    };
+    let Some(count) = number(0).filter(|n| (1..=bytes.len() / 51).contains(n)) else { return false };
+    let mut at = 8;
+    for _ in 0..count {
+        let Some(views) = number(at + 43).and_then(|n| n.checked_mul(8)).filter(|n| *n <= bytes.len()) else {
+            return false;
+        };
+        at += 51 + views;
+    }
+    at == bytes.len()
+}
+
+/// The error about such a file.
+pub(super) fn colmap() -> Error {
+    refuse(
+        "the binary points3D.bin of COLMAP",
+        "convert it with `colmap model_converter --output_type TXT` or `PLY`",
+    )
+}
+
 /// What a file is that is not read, by its content.
 pub(super) fn by_content(bytes: &[u8]) -> Option<Error> {
     let has = |(at, mark, ..): &&Known| bytes.get(*at..).is_some_and(|b| b.starts_with(mark));
@@ -143,6 +169,20 @@ fn refuse(what: &str, advice: &str) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_binary_model_of_colmap_is_no_raw_file() {
+        let mut bytes = 2_u64.to_le_bytes().to_vec();
+        for views in [1_u64, 3] {
+            bytes.extend(
+                [[7; 8].as_slice(), &[0; 35], &views.to_le_bytes(), &vec![1; 8 * views as usize]].concat(),
+            );
+        }
+        assert!(is_colmap(&bytes) && !is_colmap(&bytes[..bytes.len() - 1]) && !is_colmap(&[0; 64]));
+        let options = crate::io::ReadOptions { hint: Some(crate::io::Format::Kitti), ..Default::default() };
+        let e = crate::io::read_cloud_with(&bytes, &options).unwrap_err().to_string();
+        assert!(e.contains("points3D.bin of COLMAP") && e.contains("model_converter"), "{e}");
+    }
 
     #[test]
     fn known_files_are_named_with_a_cure() {

@@ -278,6 +278,9 @@ fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
     if let Some(format) = Format::from_content(bytes) {
         return Ok(Format::from_content_and(bytes, options.hint).unwrap_or(format));
     }
+    if foreign::is_colmap(bytes) {
+        return Err(foreign::colmap());
+    }
     if options.hint != Some(Format::Kitti)
         && let Some(e) = foreign::by_content(bytes)
     {

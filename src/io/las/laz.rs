@@ -13,7 +13,7 @@ use crate::{Error, ErrorKind};
 
 /// Unpacks the points.
 pub(super) fn read(bytes: &[u8], header: &Header, want: Want, loaded: &mut Loaded) -> Result<(), Error> {
-    let vlr = description(bytes, header)?;
+    let vlr = description(bytes)?;
     check(bytes, header, vlr)?;
     let damaged = |e: String| {
         Error::new(ErrorKind::Format, "the packed points are damaged")
@@ -39,10 +39,11 @@ pub(super) fn read(bytes: &[u8], header: &Header, want: Want, loaded: &mut Loade
 }
 
 /// The record that describes the packing.
-fn description<'a>(bytes: &'a [u8], header: &Header) -> Result<&'a [u8], Error> {
+fn description(bytes: &[u8]) -> Result<&[u8], Error> {
     let cut = || wrong("truncated: the file ends in front of its points");
-    let mut at = header.extras.at;
-    for _ in 0..header.extras.count {
+    // Records with more about the file follow the header.
+    let mut at = number(bytes, 94, 2).ok_or_else(cut)? as usize;
+    for _ in 0..number(bytes, 100, 4).ok_or_else(cut)? {
         let head = bytes.get(at..at + 54).ok_or_else(cut)?;
         let size = number(head, 20, 2).unwrap_or(0) as usize;
         let data = bytes.get(at + 54..at + 54 + size).ok_or_else(cut)?;

@@ -17,19 +17,11 @@ pub(super) fn looks_like_las(bytes: &[u8]) -> bool {
 /// What the header says of the points.
 struct Header {
     packed: bool,
-    #[cfg_attr(not(feature = "formats"), expect(dead_code, reason = "only packed points need them"))]
-    extras: Extras,
     record: usize,
     count: u64,
     start: usize,
     scale: [f64; 3],
     offset: [f64; 3],
-}
-
-/// Where the records with more about the file are, and how many.
-struct Extras {
-    at: usize,
-    count: u64,
 }
 
 fn number(bytes: &[u8], at: usize, size: usize) -> Option<u64> {
@@ -100,8 +92,7 @@ impl Header {
                 bytes.len()
             )));
         }
-        let extras = Extras { at: field(94, 2)? as usize, count: field(100, 4)? };
-        Ok(Header { packed, extras, record: record as usize, count, start, scale, offset })
+        Ok(Header { packed, record: record as usize, count, start, scale, offset })
     }
 
     /// Adds the point of a record, whose first three numbers are its place in steps.

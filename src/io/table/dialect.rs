@@ -30,9 +30,9 @@ impl Dialect {
         let dialect = Dialect { delimiter, decimal_comma: false };
         dialect.split(line, &mut fields);
         let with_comma = fields.iter().filter(|f| f.contains(&b',')).count();
-        let decimal_comma = delimiter != Delimiter::Byte(b',')
-            && with_comma > 0
-            && fields.iter().filter(|f| f.contains(&b',')).all(|f| is_decimal_comma(f));
+        // Between commas, a column with a comma stands in quotes.
+        let decimal_comma =
+            with_comma > 0 && fields.iter().filter(|f| f.contains(&b',')).all(|f| is_decimal_comma(f));
         Dialect { delimiter, decimal_comma }
     }
 
@@ -142,7 +142,7 @@ mod tests {
 
     #[test]
     fn the_dialect_of_a_line() {
-        let cases: [(&str, Delimiter, bool); 15] = [
+        let cases: [(&str, Delimiter, bool); 16] = [
             ("1 2 3", Delimiter::White, false),
             ("1,2,3", Delimiter::Byte(b','), false),
             ("1, 2, 3", Delimiter::Byte(b','), false),
@@ -155,6 +155,7 @@ mod tests {
             ("1 2\t3 4", Delimiter::White, false),
             ("a,b,c", Delimiter::Byte(b','), false),
             ("1|2|3", Delimiter::Byte(b'|'), false),
+            ("\"1,5\",\"2,5\",3", Delimiter::Byte(b','), true),
             ("1,5|2,5|3,5", Delimiter::Byte(b'|'), true),
             ("1,5 2.5 3.5", Delimiter::Byte(b','), false),
             ("1,\t2,\t3", Delimiter::Byte(b','), false),

@@ -144,6 +144,9 @@ impl Table<'_> {
             self.layout = Some(self.choose(dialect, fields, dialect.ends_open(data))?);
         }
         let index = self.loaded.verts.len();
+        if index == 1 {
+            self.second_row(fields);
+        }
         self.row(fields, dialect.ends_open(data)).map_err(|e| e.at_element(format!("point {index}")))
     }
 
@@ -347,6 +350,28 @@ impl Table<'_> {
     /// Refuses rows that begin with a word and go on with numbers.
     fn label(&self, layout: &Layout, fields: &[&[u8]]) -> Result<(), Error> {
         label_only(layout, fields, self.options.assume)
+    }
+
+    /// Looks at the second row where the first was 0, 1, 2 and so on: if it has one column more, the first was the names
+    /// of a table without names, whose own first column, the numbers of rows, has no name.
+    fn second_row(&mut self, fields: &[&[u8]]) {
+        let Some(layout) = &mut self.layout else { return };
+        let counted =
+            self.loaded.verts[..] == [[0.0, 1.0, 2.0]] && layout.point == [0, 1, 2] && layout.guessed;
+        if counted && fields.len() == layout.total + 1 {
+            (layout.point, layout.total, layout.guessed) = ([1, 2, 3], fields.len(), false);
+            self.loaded.verts.clear();
+            self.loaded.warnings.push(
+                "the first line, which counts 0, 1, 2, was taken for the names of columns, not for a point"
+                    .into(),
+            );
+        } else if layout.guessed && fields.len() != layout.total {
+            self.loaded.warnings.push(format!(
+                "the first row has {} columns, the second {}; the first 3 of each were read",
+                layout.total,
+                fields.len()
+            ));
+        }
     }
 
     /// Reads a row, behind whose last delimiter one more column may be empty.

@@ -31,7 +31,7 @@ enum Name {
 }
 
 /// Words that may stand beside the letter of an axis.
-const POSITION: [&str; 26] = [
+const POSITION: [&str; 29] = [
     "coord",
     "coords",
     "coordinate",
@@ -58,15 +58,33 @@ const POSITION: [&str; 26] = [
     "utm",
     "axis",
     "koordinate",
+    "grid",
+    "local",
+    "map",
 ];
 const UNITS: [&str; 14] =
     ["m", "mm", "cm", "km", "ft", "feet", "in", "inch", "meter", "meters", "metre", "metres", "um", "usft"];
-const EAST: [&str; 10] =
-    ["e", "east", "easting", "eastings", "rechtswert", "ostwert", "ost", "este", "est", "rw"];
-const NORTH: [&str; 9] =
-    ["n", "north", "northing", "northings", "hochwert", "nordwert", "nord", "norte", "hw"];
-const HEIGHT: [&str; 12] =
-    ["h", "height", "elev", "elevation", "alt", "altitude", "hoehe", "höhe", "cota", "quota", "hgt", "rl"];
+const EAST: [&str; 11] =
+    ["e", "east", "easting", "eastings", "rechtswert", "ostwert", "ost", "este", "est", "rw", "rechts"];
+const NORTH: [&str; 10] =
+    ["n", "north", "northing", "northings", "hochwert", "nordwert", "nord", "norte", "hw", "hoch"];
+const HEIGHT: [&str; 15] = [
+    "h",
+    "height",
+    "elev",
+    "elevation",
+    "alt",
+    "altitude",
+    "hoehe",
+    "höhe",
+    "cota",
+    "quota",
+    "hgt",
+    "rl",
+    "el",
+    "elv",
+    "ht",
+];
 const DEGREES: [&str; 8] = ["lon", "long", "lng", "longitude", "lat", "latitude", "länge", "breite"];
 const OTHER: [&str; 35] = [
     "id",
@@ -217,6 +235,17 @@ fn meaning(name: &str) -> Option<Name> {
             };
         }
         let rest: Vec<&str> = bare.iter().copied().filter(|t| !POSITION.contains(t)).collect();
+        let axis = |word: &&str| match one_word(word)? {
+            Name::Plain(a) | Name::Map(a) => Some(a),
+            Name::Height(false) => Some(2),
+            _ => None,
+        };
+        if let [first, second] = rest[..]
+            && let Some(a) = axis(&first)
+            && axis(&second) == Some(a)
+        {
+            return Some(Name::Worded(a)); // Such as `Easting X`.
+        }
         let [word] = rest[..] else {
             let other =
                 |t: &&str| matches!(*t, "id" | "number" | "nr" | "no" | "index" | "normals" | "color");
@@ -276,7 +305,7 @@ mod tests {
 
     #[test]
     fn names_of_many_programs_are_known() {
-        let cases: [(&str, [usize; 3]); 24] = [
+        let cases: [(&str, [usize; 3]); 27] = [
             ("x,y,z", [0, 1, 2]),
             ("id,X,Y,Z,R,G,B", [1, 2, 3]),
             ("Normals:0,Normals:1,Normals:2,Points:0,Points:1,Points:2", [3, 4, 5]),
@@ -301,6 +330,9 @@ mod tests {
             ("z,y,x", [2, 1, 0]),
             ("nx,ny,nz,x,y,z", [3, 4, 5]),
             ("pointid,east,north,height", [1, 2, 3]),
+            ("Pt,N,E,El,Desc", [2, 1, 3]),
+            ("Grid Easting,Grid Northing,Elevation", [0, 1, 2]),
+            ("Easting X,Northing Y,Height Z", [0, 1, 2]),
         ];
         for (text, wanted) in cases {
             match of(text) {

@@ -20,7 +20,7 @@ fn refused(text: &str, parts: &[&str]) {
 
 #[test]
 fn reads_the_usual_dialects() {
-    let cases: [&[u8]; 34] = [
+    let cases: [&[u8]; 36] = [
         b"1 2 3\n-4.5 1e-3 6\n",
         b"1\t2\t3\r\n-4.5\t.001\t6.",
         b"1,2,3\n-4.5, 0.001 ,6\n",
@@ -46,6 +46,8 @@ fn reads_the_usual_dialects() {
         b",x,y,z\n0,1,2,3\n1,-4.5,0.001,6\n",
         b",0,1,2\n0,1,2,3\n1,-4.5,0.001,6\n",
         b"0,1,2\n1,2,3\n-4.5,0.001,6\n",
+        b" 0 1 2\n0 1 2 3\n1 -4.5 0.001 6\n",
+        b"\"1,0\",\"2,0\",\"3,0\"\n\"-4,5\",\"0,001\",\"6,0\"\n",
         b"\"x\" \"y\" \"z\"\n\"1\" 1 2 3\n\"2\" -4.5 0.001 6\n",
         b"x,y,z\nm,m,m\n1,2,3\n-4.5,0.001,6\n",
         b"X [m];Y [m];Z [m]\n1;2;3\n-4.5;0.001;6\n",
@@ -82,6 +84,7 @@ fn says_what_was_ignored() {
     assert!(whole.warnings[0].contains("a point"), "{:?}", whole.warnings);
     assert!(read(b"x,y,depth\n1,2,3\n").unwrap().warnings[0].contains("mirrored"));
     assert!(read(b"x,y,z,X\n1,2,3,4\n").unwrap().warnings[0].contains("several columns"));
+    assert!(read(b"1 2 3\n4 5 6 corner\n").unwrap().warnings[0].contains("first row has 3 columns"));
     let counted = read(b"1 5 5\n2 5 6\n3 7 8\n4 8 8\n").unwrap();
     assert!(counted.verts.len() == 4 && counted.warnings[0].contains("counts up"));
 }
