@@ -97,18 +97,19 @@ fn number(row: &[u8], raw: Raw, column: usize) -> f64 {
 fn choose(bytes: &[u8]) -> Result<Raw, Error> {
     let mut fitting: Vec<(Raw, f64)> =
         KNOWN.into_iter().filter_map(|raw| Some((raw, spread(bytes, raw)?))).collect();
+    // Columns of chance spread by about this much more or less, in logarithms.
+    let chance = |rows: usize| 0.02 + 1.0 / (rows.max(1) as f64).sqrt();
     // Two rows in one are as good as one row.
-    let halves = |raw: Raw| {
-        let half = Raw { columns: raw.columns / 2, ..raw };
-        raw.columns.is_multiple_of(2) && fitting.iter().any(|(r, _)| *r == half)
+    let halves = |(raw, own): &(Raw, f64)| {
+        let half = Raw { columns: raw.columns / 2, ..*raw };
+        let least = own + chance(bytes.len() / (raw.bytes * raw.columns));
+        raw.columns.is_multiple_of(2) && fitting.iter().any(|(r, s)| *r == half && *s <= least)
     };
-    let doubled: Vec<Raw> = fitting.iter().map(|(r, _)| *r).filter(|r| halves(*r)).collect();
+    let doubled: Vec<Raw> = fitting.iter().filter(|f| halves(f)).map(|(r, _)| *r).collect();
     fitting.retain(|(r, _)| !doubled.contains(r));
     let kitti = fitting.iter().find(|(raw, _)| *raw == KITTI);
     let best = fitting.iter().min_by(|a, b| a.1.total_cmp(&b.1));
-    let rows = bytes.len() / 16;
-    // Columns of chance spread by about this much more or less, in logarithms.
-    let chance = 0.02 + 1.0 / (rows.max(1) as f64).sqrt();
+    let chance = chance(bytes.len() / 16);
     match (kitti, best) {
         (Some((_, own)), Some((_, least))) if *own <= *least && fitting.len() == 1 => Ok(KITTI),
         (Some((_, own)), Some(_)) if fitting.iter().all(|(r, s)| *r == KITTI || *s > own + chance) => Ok(KITTI),
@@ -213,8 +214,9 @@ mod tests {
     fn rows(columns: usize, n: usize) -> Vec<u8> {
         let points = Shape::Torus { major: 1.0, minor: 0.4 }.sample(n, 3).0;
         let more = |i: usize, c: usize| match (columns, c) {
-            (_, 3) => odd(i, 1),
+            (4 | 5, 3) => odd(i, 1),
             (5, _) => (i % 32) as f32,
+            (6, _) => 255.0 * odd(i, c),
             _ => odd(i, c),
         };
         points
@@ -238,7 +240,7 @@ mod tests {
         for n in [60, 61, 63, 300, 1000, 3000] {
             let kitti = plain(&rows(4, n)).unwrap_or_else(|e| panic!("{n}: {e}"));
             assert_eq!(kitti.verts.len(), n);
-            for (columns, name) in [(3, "f32x3"), (5, "f32x5")] {
+            for (columns, name) in [(3, "f32x3"), (5, "f32x5"), (6, "f32x6")] {
                 let bytes = rows(columns, n);
                 let e = plain(&bytes).map(|l| l.verts.len()).unwrap_err().to_string();
                 assert!(e.contains(&format!("best as {name} ({n} points)")) && e.contains("--raw"), "{e}");

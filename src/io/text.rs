@@ -95,7 +95,9 @@ pub(super) fn not_a_number(word: &[u8]) -> Error {
 
 /// Leaves out the byte order mark of UTF-8 and refuses UTF-16, which would read as rubbish.
 pub(super) fn without_mark(bytes: &[u8]) -> Result<&[u8], Error> {
-    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+    // Without a mark, every second byte of plain characters is 0.
+    let zeros = matches!(bytes, [a, 0, b, 0, ..] if *a > 0 && *b > 0);
+    if zeros || bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return Err(Error::new(ErrorKind::Format, "the text is encoded as UTF-16")
             .advise("save it as UTF-8 or plain ASCII"));
     }

@@ -65,8 +65,9 @@ fn split_comment(line: &[u8]) -> (&[u8], Option<&[u8]>) {
     if let Some(comment) = line.strip_prefix(b"//").or_else(|| line.strip_prefix(b"%")) {
         return (b"", Some(comment.trim_ascii()));
     }
-    // `1.#QNAN` is how some programs print a number that is none.
-    let starts = |at: usize| line[at] == b'#' && (at == 0 || line[at - 1] != b'.');
+    // `1.#QNAN` is how some programs print a number that is none, and `Pt#` is a name.
+    let word = |b: u8| b == b'.' || b.is_ascii_alphabetic();
+    let starts = |at: usize| line[at] == b'#' && (at == 0 || !word(line[at - 1]));
     match (0..line.len()).find(|&at| starts(at)) {
         Some(at) => (line[..at].trim_ascii(), Some(line[at + 1..].trim_ascii())),
         None => (line, None),
@@ -221,6 +222,14 @@ impl Table<'_> {
             Some(Columns::Numbers(numbers)) => layout.point = numbers.map(|n| n - 1),
             Some(Columns::Names(wanted)) => layout.point = self.named(wanted, total)?,
             None => self.apply_header(&mut layout, fields)?,
+        }
+        if self.numbered.is_some() && named + 1 == total {
+            // One number less than columns: that of the numbers of rows has none.
+            self.numbered = None;
+            self.loaded.warnings.push(
+                "the first line, which counts 0, 1, 2, was taken for the names of columns, not for a point"
+                    .into(),
+            );
         }
         layout.guessed |= self.numbered.is_some();
         layout.guessed &= self.options.columns.is_none();

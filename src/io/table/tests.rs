@@ -20,7 +20,7 @@ fn refused(text: &str, parts: &[&str]) {
 
 #[test]
 fn reads_the_usual_dialects() {
-    let cases: [&[u8]; 36] = [
+    let cases: [&[u8]; 38] = [
         b"1 2 3\n-4.5 1e-3 6\n",
         b"1\t2\t3\r\n-4.5\t.001\t6.",
         b"1,2,3\n-4.5, 0.001 ,6\n",
@@ -46,6 +46,8 @@ fn reads_the_usual_dialects() {
         b",x,y,z\n0,1,2,3\n1,-4.5,0.001,6\n",
         b",0,1,2\n0,1,2,3\n1,-4.5,0.001,6\n",
         b"0,1,2\n1,2,3\n-4.5,0.001,6\n",
+        b"\t0\t1\t2\n0\t1\t2\t3\n1\t-4.5\t0.001\t6\n",
+        b"Pt# East North Height\n0 1 2 3\n1 -4.5 0.001 6\n",
         b" 0 1 2\n0 1 2 3\n1 -4.5 0.001 6\n",
         b"\"1,0\",\"2,0\",\"3,0\"\n\"-4,5\",\"0,001\",\"6,0\"\n",
         b"\"x\" \"y\" \"z\"\n\"1\" 1 2 3\n\"2\" -4.5 0.001 6\n",
@@ -190,4 +192,5 @@ fn errors_name_the_line_and_the_point() {
     }
     let e = read(b"\xff\xfe1\x00").map(|l| l.verts).unwrap_err();
     assert!(e.to_string().contains("UTF-16"), "{e}");
+    assert!(read(b"1\x00 \x002\x00").map(|l| l.verts).unwrap_err().to_string().contains("UTF-16"));
 }
