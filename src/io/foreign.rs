@@ -150,8 +150,8 @@ fn by_extension(extension: &str) -> Option<Error> {
     NAMED.iter().find(|(e, ..)| *e == extension).map(|(_, what, advice)| refuse(what, advice))
 }
 
-/// Adds the file to an error from reading its bytes. Where these show no format, the file's name may still tell one that
-/// is not read; then the error says how to convert it.
+/// Adds the file to an error from reading its bytes. Where these show no format, the file's name may still tell one
+/// that is not read; then the error says how to convert it.
 pub fn name_file(error: Error, path: impl AsRef<Path>) -> Error {
     let path = path.as_ref();
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();
@@ -202,6 +202,8 @@ mod tests {
             let e = by_content(bytes).unwrap_or_else(|| panic!("{part}")).to_string();
             assert!(e.contains(part), "{e}");
         }
+        let e = crate::io::read_cloud_bytes(b"0\nSECTION\n2\nHEADER\n", None).unwrap_err().to_string();
+        assert!(e.contains("DXF"), "{e}");
         for plain in [&b"1 2 3\n"[..], b"", b"x,y,z\n", b"ply\n", b"0\nSECTION\n"] {
             assert!(by_content(plain).is_none());
         }

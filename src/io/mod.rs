@@ -1,10 +1,10 @@
 //! Readers and writers of point clouds and triangle meshes.
 //!
-//! The format is chosen by the content, and by the file name's extension where the content fits several formats or none;
-//! or it is named outright. Every reader checks what a file promises against the bytes at hand before it reserves
-//! memory. Rows of a cloud that hold no point are left out with a warning, and where it is not certain which numbers are
-//! the coordinates, nothing is read; so what comes out can be used as it is. Errors carry the file, the line of a text and the element (`point 17`,
-//! `face 3`, counted from 0).
+//! The format is chosen by the content, and by the file name's extension where the content fits several formats or
+//! none; or it is named outright. Every reader checks what a file promises against the bytes at hand before it reserves
+//! memory. Rows of a cloud that hold no point are left out with a warning, and where it is not certain which numbers
+//! are the coordinates, nothing is read; so what comes out can be used as it is. Errors carry the file, the line of a
+//! text and the element (`point 17`, `face 3`, counted from 0).
 //!
 //! | Format | read cloud | read mesh | write cloud | write mesh |
 //! |---|---|---|---|---|
@@ -275,8 +275,10 @@ fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
     if let Some(format) = options.format {
         return Ok(format);
     }
-    if let Some(format) = Format::from_content(bytes) {
-        return Ok(Format::from_content_and(bytes, options.hint).unwrap_or(format));
+    let found = Format::from_content_and(bytes, options.hint);
+    let marked = Format::from_content(bytes).filter(|f| !matches!(f, Format::Xyz | Format::Csv));
+    if let Some(format) = found.filter(|_| marked.is_some()) {
+        return Ok(format);
     }
     if foreign::is_colmap(bytes) {
         return Err(foreign::colmap());
@@ -286,7 +288,7 @@ fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
     {
         return Err(e);
     }
-    options.hint.ok_or_else(|| {
+    found.ok_or_else(|| {
         let what = if bytes.is_empty() { "the file is empty" } else { foreign::UNKNOWN };
         Error::new(ErrorKind::Format, what).advise(format!("supported are {}", Format::list()))
     })

@@ -1,8 +1,9 @@
 //! OFF, the object file format of Geomview, with its kin COFF, NOFF, STOFF and 4OFF.
 //!
 //! A line with the name, a line with the numbers of vertices, faces and edges, a line for each vertex, a line for each
-//! face. The letters in front of the name say what stands behind a position: `N` a normal, `C` a colour, `ST` a place in
-//! a texture; `4` gives positions a fourth number that divides the others. Files often have colours without saying so.
+//! face. The letters in front of the name say what stands behind a position: `N` a normal, `C` a colour, `ST` a place
+//! in a texture; `4` gives positions a fourth number that divides the others. Files often have colours without saying
+//! so.
 
 use std::io::{self, Write};
 

@@ -1,5 +1,5 @@
-//! PTX, scans of Leica: for each the numbers of columns and rows, the scanner's place and axes, a matrix of 4 x 4, and a
-//! line for each point, x, y, z and intensity in the scanner's own frame. `0 0 0` means that nothing came back.
+//! PTX, scans of Leica: for each the numbers of columns and rows, the scanner's place and axes, a matrix of 4 x 4, and
+//! a line for each point, x, y, z and intensity in the scanner's own frame. `0 0 0` means that nothing came back.
 
 use super::text::{Lines, float, integer, three_floats, without_mark, words};
 use super::{Loaded, Want, check_point};

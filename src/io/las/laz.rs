@@ -1,6 +1,7 @@
 //! Packed points, decoded by the crate `laz`.
 //!
-//! The crate believes the sizes that it reads, so all of them are held against the bytes of the file before it is asked.
+//! The crate believes the sizes that it reads, so all of them are held against the bytes of the file before it is
+//! asked.
 
 use std::io::{Cursor, Seek, SeekFrom};
 use std::panic::{AssertUnwindSafe, catch_unwind};

@@ -361,8 +361,8 @@ impl Table<'_> {
         label_only(layout, fields, self.options.assume)
     }
 
-    /// Looks at the second row where the first was 0, 1, 2 and so on: if it has one column more, the first was the names
-    /// of a table without names, whose own first column, the numbers of rows, has no name.
+    /// Looks at the second row where the first was 0, 1, 2 and so on: if it has one column more, the first was the
+    /// names of a table without names, whose own first column, the numbers of rows, has no name.
     fn second_row(&mut self, fields: &[&[u8]]) {
         let Some(layout) = &mut self.layout else { return };
         let counted =
