@@ -33,7 +33,8 @@ pub fn cloud_with(bytes: &[u8], options: &ReadOptions) {
         let mut out = Vec::new();
         write_cloud_to(&mut out, &cloud.points, format, encoding).expect("what was read can be written");
         // Every row, whatever it looks like: random numbers may look like fillers.
-        let options = ReadOptions { format: Some(format), assume: true, every_row: true, ..Default::default() };
+        let options =
+            ReadOptions { format: Some(format), assume: true, every_row: true, ..Default::default() };
         let again = read_cloud_with(&out, &options).expect("what was written can be read");
         assert_eq!(bits(&again.points), bits(&cloud.points));
     }
