@@ -24,7 +24,7 @@ fn bad_inputs_are_refused_with_a_reason_and_nothing_is_written() {
         ("truncated.ply", &good[..good.len() - 5], ""),
         ("unknown.dat", b"\x00\x01\x02\x03\x04\x05\x06\x07", "format is unknown"),
         ("word.xyz", b"0 0 0\n1 zero 0\n", ":2:"),
-        ("nan.xyz", b"0 0 0\n1 nan 0\n0 1 0\n0 0 1\n", "not a finite"),
+        ("nan.xyz", b"nan nan nan\n1 nan 0\n", "none of the 2 points has three finite numbers"),
         ("huge.xyz", b"0 0 0\n1 1e60 0\n0 1 0\n0 0 1\n", "not a finite"),
         ("flat.xyz", b"0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 4 0\n", "in one plane"),
         ("three.xyz", b"0 0 0\n1 0 0\n0 1 0\n", "at least 4 distinct points"),

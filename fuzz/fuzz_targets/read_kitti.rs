@@ -2,9 +2,13 @@
 
 mod check;
 
-use bijective_sdf::io::Format;
+use bijective_sdf::io::{Format, ReadOptions};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     check::cloud(bytes, Some(Format::Kitti));
+    for raw in ["f32x3", "f32x5", "f64x3"] {
+        let raw = Some(raw.parse().expect("rows of a raw file"));
+        check::cloud_with(bytes, &ReadOptions { format: Some(Format::Kitti), raw, ..Default::default() });
+    }
 });

@@ -3,11 +3,18 @@
 
 mod check;
 
-use bijective_sdf::io::Format;
+use bijective_sdf::io::{Columns, Format, ReadOptions};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|bytes: &[u8]| {
     check::cloud(bytes, Some(Format::Xyz));
+    for (delimiter, skip) in [(Some(b'\t'), 0), (Some(b' '), 1), (Some(b';'), 2)] {
+        let columns = Some(Columns::Numbers([2, 1, 3]));
+        check::cloud_with(
+            bytes,
+            &ReadOptions { format: Some(Format::Xyz), columns, delimiter, skip, ..Default::default() },
+        );
+    }
     check::cloud(bytes, None);
     check::mesh(bytes, None);
 });

@@ -142,7 +142,7 @@ pub fn run(args: &EvaluateArgs, common: Common) -> Result<(), Failure> {
     }
     let options = args.options();
     if args.points {
-        return points::run(&args.files, &options, args.style());
+        return points::run(&args.files, &options, args.style(), common);
     }
     let mut compared: Vec<Compared> = args
         .files
@@ -196,7 +196,10 @@ fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<(Repo
     if let Content::Cloud(cloud) = &truth {
         let normals = if cloud.normals.is_some() { "with" } else { "without" };
         common.note(&format!("{} has no faces and is used as points {normals} normals", files[0].display()));
-        cloud.notices.iter().for_each(|n| common.note(n));
+        common.tell(&cloud.warnings, &cloud.notices);
+    }
+    if let Some(Content::Cloud(cloud)) = &scan {
+        common.tell(&cloud.warnings, &[]);
     }
     let report =
         evaluate_with_scan(truth.ground_truth(), &mesh, scan.as_ref().map(Content::ground_truth), options)?;

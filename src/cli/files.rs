@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use bijective_sdf::evaluate::GroundTruth;
 use bijective_sdf::geometry::TriangleMesh;
 use bijective_sdf::io::{
-    Encoding, Format, PointCloud, read_cloud_bytes, read_mesh_bytes, write_atomic, write_cloud_to,
-    write_mesh_to,
+    Encoding, Format, PointCloud, ReadOptions, name_file, read_cloud_with, read_mesh_with, write_atomic,
+    write_cloud_to, write_mesh_to,
 };
 use bijective_sdf::{Error, ErrorKind};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -16,7 +16,7 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use super::failure::Failure;
 
 /// The formats that hold faces.
-pub const MESH_FORMATS: [Format; 3] = [Format::Ply, Format::Obj, Format::Stl];
+pub const MESH_FORMATS: [Format; 4] = [Format::Ply, Format::Obj, Format::Stl, Format::Off];
 /// The formats that clouds are written in.
 pub const CLOUD_FORMATS: [Format; 3] = [Format::Ply, Format::Xyz, Format::Csv];
 
@@ -52,13 +52,18 @@ pub fn format_parser() -> impl TypedValueParser<Value = Format> {
 /// The bytes of an input and its name for messages. `-` is standard input.
 pub struct Input<'a> {
     path: &'a Path,
-    format: Option<Format>,
+    options: ReadOptions,
     bytes: Vec<u8>,
 }
 
 impl<'a> Input<'a> {
-    /// Reads everything; the format is the given one, else what the file name says, else left to the content.
+    /// Reads everything; the format is the given one, else what the content shows, else what the file name says.
     pub fn read(path: &'a Path, format: Option<Format>) -> Result<Self, Failure> {
+        Self::read_with(path, ReadOptions { format, ..ReadOptions::default() })
+    }
+
+    /// Reads everything, to be understood as the user says.
+    pub fn read_with(path: &'a Path, mut options: ReadOptions) -> Result<Self, Failure> {
         let failed =
             |e| Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e));
         if is_pipe(path) {
@@ -66,10 +71,11 @@ impl<'a> Input<'a> {
             io::stdin().lock().read_to_end(&mut bytes).map_err(|e| {
                 Failure::Input(Error::new(ErrorKind::Io, "cannot read standard input").caused_by(e))
             })?;
-            return Ok(Input { path: Path::new("standard input"), format, bytes });
+            return Ok(Input { path: Path::new("standard input"), options, bytes });
         }
         let bytes = fs::read(path).map_err(failed)?;
-        Ok(Input { path, format: format.or_else(|| Format::from_path(path)), bytes })
+        options.hint = Format::from_path(path);
+        Ok(Input { path, options, bytes })
     }
 
     /// The name for messages.
@@ -79,25 +85,27 @@ impl<'a> Input<'a> {
 
     /// The points.
     pub fn cloud(&self) -> Result<PointCloud, Failure> {
-        read_cloud_bytes(&self.bytes, self.format).map_err(|e| Failure::Input(e.in_file(self.path)))
+        read_cloud_with(&self.bytes, &self.options).map_err(|e| Failure::Input(name_file(e, self.path)))
     }
 
     /// The mesh.
     pub fn mesh(&self) -> Result<TriangleMesh, Failure> {
-        read_mesh_bytes(&self.bytes, self.format).map_err(|e| Failure::Input(e.in_file(self.path)))
+        read_mesh_with(&self.bytes, &self.options).map_err(|e| Failure::Input(name_file(e, self.path)))
     }
 
     /// The mesh, or the points if the file has no faces.
     pub fn content(&self) -> Result<Content, Failure> {
-        let format = self.format.or_else(|| Format::from_content(&self.bytes));
-        if format.is_some_and(|f| !MESH_FORMATS.contains(&f)) {
+        let found = || Format::of(&self.bytes, self.options.hint).ok();
+        if self.options.format.or_else(found).is_some_and(|f| !f.holds_faces()) {
             return self.cloud().map(Content::Cloud);
         }
         match self.mesh() {
-            // A file that has points and is whole, but is no mesh, is a cloud; damage shows in both readings.
-            Err(Failure::Input(e)) if e.kind() == ErrorKind::Data => {
-                self.cloud().map(Content::Cloud).map_err(|_| Failure::Input(e))
-            }
+            // A file that has points and is whole, but has no faces, is a cloud; what is wrong with a mesh is told.
+            Err(Failure::Input(e)) if e.kind() == ErrorKind::Data => match self.cloud() {
+                Ok(cloud) if cloud.faces == 0 => Ok(Content::Cloud(cloud)),
+                Err(Failure::Input(own)) if own.kind() == ErrorKind::Data => Err(Failure::Input(own)),
+                _ => Err(Failure::Input(e)),
+            },
             result => result.map(Content::Mesh),
         }
     }
@@ -187,10 +195,41 @@ pub fn check_writable(path: &Path) -> Result<(), Failure> {
     }
 }
 
-/// Whether two paths name one file that is there.
+/// Whether two paths name one file, however they are written and over whatever links, also if it is not there yet.
 pub fn is_same_file(a: &Path, b: &Path) -> bool {
-    let of = |path: &Path| fs::canonicalize(path).ok();
-    !is_pipe(a) && !is_pipe(b) && of(a).is_some_and(|a| of(b).is_some_and(|b| a == b))
+    if is_pipe(a) || is_pipe(b) {
+        return false;
+    }
+    // A file that is yet to be written has the place of its directory.
+    let place = |path: &Path| {
+        fs::canonicalize(path).ok().or_else(|| {
+            let parent = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+            Some(fs::canonicalize(parent).ok()?.join(path.file_name()?))
+        })
+    };
+    let same_place = place(a).is_some_and(|a| place(b).is_some_and(|b| a == b));
+    a == b || same_place || is_hard_link(a, b)
+}
+
+#[cfg(unix)]
+fn is_hard_link(a: &Path, b: &Path) -> bool {
+    use std::os::unix::fs::MetadataExt;
+    let of = |path: &Path| fs::metadata(path).ok().filter(fs::Metadata::is_file).map(|m| (m.dev(), m.ino()));
+    of(a).is_some_and(|a| of(b) == Some(a))
+}
+
+#[cfg(not(unix))]
+fn is_hard_link(_: &Path, _: &Path) -> bool {
+    false
+}
+
+/// Refuses to write over what is read.
+pub fn check_apart(option: &str, output: &Path, input: &Path) -> Result<(), Failure> {
+    if is_same_file(output, input) {
+        let text = format!("{option} would overwrite the input, {}", output.display());
+        return Err(Failure::Usage(text));
+    }
+    Ok(())
 }
 
 /// Writes a whole file, or to standard output; the file appears whole or not at all.

@@ -4,13 +4,14 @@ use std::path::PathBuf;
 
 use bijective_sdf::evaluate::percentile;
 use bijective_sdf::geometry::{Bounds, KdTree, Normalizer, TriangleMesh, clean_cloud};
-use bijective_sdf::io::{Format, PointCloud};
+use bijective_sdf::io::PointCloud;
 use clap::Args;
 
 use super::Common;
 use super::failure::{Failure, chain};
-use super::files::{Content, Input, format_parser, print};
+use super::files::{Content, print};
 use super::json::{Object, list, number, quoted};
+use super::reading::ReadArgs;
 use super::report::{bounds_text, gate, topology_json, topology_text};
 
 /// Arguments of `info`.
@@ -18,9 +19,8 @@ use super::report::{bounds_text, gate, topology_json, topology_text};
 pub struct InfoArgs {
     /// A point cloud or a mesh, or `-`
     file: PathBuf,
-    /// Format of the file [default: by extension, else by content]
-    #[arg(long, value_parser = format_parser())]
-    format: Option<Format>,
+    #[command(flatten)]
+    reading: ReadArgs,
     /// Print one JSON object
     #[arg(long)]
     json: bool,
@@ -31,11 +31,10 @@ pub struct InfoArgs {
 
 /// Describes a file.
 pub fn run(args: &InfoArgs, common: Common) -> Result<(), Failure> {
-    let input = Input::read(&args.file, args.format)?;
-    match input.content()? {
+    match args.reading.input(&args.file)?.content()? {
         Content::Mesh(mesh) => describe_mesh(&mesh, args),
         Content::Cloud(cloud) => {
-            cloud.notices.iter().for_each(|n| common.note(n));
+            common.tell(&cloud.warnings, &cloud.notices);
             describe_cloud(&cloud, args)
         }
     }
@@ -73,12 +72,18 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs) -> Result<(), Failure> {
                     Object::new().number("min", least).number("median", middle).number("max", most).finish()
                 }),
             )
+            .count("left_out", cloud.left_out)
+            .raw("warnings", list(cloud.warnings.iter().map(|w| quoted(w))))
+            .raw("notices", list(cloud.notices.iter().map(|n| quoted(n))))
             .flag("usable", problem.is_none())
             .raw("problem", problem.as_deref().map_or("null".into(), quoted))
             .finish();
         print(format!("{json}\n"))?;
     } else {
         let mut text = format!("cloud\npoints      {}\nduplicates  {merged}\n", points.len());
+        if cloud.left_out > 0 {
+            text += &format!("left out    {}\n", cloud.left_out);
+        }
         text += &bounds_text(low, high);
         text += &format!("longest     {}\n", bounds.longest());
         if let Some([least, middle, most]) = spacing {

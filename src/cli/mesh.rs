@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{MESH_FORMATS, Output, check_writable, format_parser, write_bytes};
+use super::files::{MESH_FORMATS, Output, check_apart, check_writable, format_parser, write_bytes};
 use super::preview::{View, ViewArgs, render};
 use super::reconstruct::RESOLUTION;
 use super::report::gate;
@@ -18,7 +18,7 @@ use super::report::gate;
 pub struct MeshArgs {
     /// A field that `reconstruct --save-field` wrote
     field: PathBuf,
-    /// The mesh to write (ply, obj, stl), or `-`
+    /// The mesh to write (ply, obj, stl, off), or `-`
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost
@@ -37,8 +37,10 @@ pub struct MeshArgs {
 /// Writes the mesh of a field.
 pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     let output = Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?;
+    check_apart("--output", &args.output, &args.field)?;
     if let Some(path) = &args.view.preview {
         check_writable(path)?;
+        check_apart("--preview", path, &args.field)?;
     }
     let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
     field.notices().iter().for_each(|notice| common.note(notice));

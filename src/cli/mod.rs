@@ -20,6 +20,7 @@ mod mesh;
 mod points;
 mod preview;
 mod progress;
+mod reading;
 mod reconstruct;
 mod report;
 mod sample;
@@ -51,7 +52,7 @@ struct Common {
     /// Number of threads [default: one a processor]; the result is the same for any number
     #[arg(long, global = true, value_name = "N")]
     threads: Option<NonZeroUsize>,
-    /// Print errors only, no progress and no notes
+    /// Print errors and warnings only, no progress and no notes
     #[arg(short, long, global = true)]
     quiet: bool,
 }
@@ -62,6 +63,11 @@ impl Common {
         if !self.quiet {
             files::say(&format!("note: {text}"));
         }
+    }
+
+    /// A warning on standard error: the result may be another than the user thinks, so it is always told.
+    fn warn(self, text: &str) {
+        files::say(&format!("warning: {text}"));
     }
 }
 

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use bijective_sdf::evaluate::{Cell, Options, PointsReport, TextTable, evaluate_points};
 
+use super::Common;
 use super::failure::Failure;
 use super::files::{Input, name, print, say};
 use super::json::Object;
@@ -19,9 +20,9 @@ pub enum Style {
 }
 
 /// Compares pairs of a ground truth and points.
-pub fn run(pairs: &[PathBuf], options: &Options, style: Style) -> Result<(), Failure> {
+pub fn run(pairs: &[PathBuf], options: &Options, style: Style, common: Common) -> Result<(), Failure> {
     let mut compared: Vec<(String, Result<PointsReport, Failure>)> =
-        pairs.chunks_exact(2).map(|files| (name(&files[1]), compare(files, options))).collect();
+        pairs.chunks_exact(2).map(|files| (name(&files[1]), compare(files, options, common))).collect();
     if style == Style::Json {
         let line = |(name, outcome): &(String, Result<PointsReport, Failure>)| {
             let json = Object::new().text("name", name);
@@ -65,8 +66,9 @@ pub fn run(pairs: &[PathBuf], options: &Options, style: Style) -> Result<(), Fai
     Err(last)
 }
 
-fn compare(files: &[PathBuf], options: &Options) -> Result<PointsReport, Failure> {
+fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<PointsReport, Failure> {
     let truth = Input::read(&files[0], None)?.content()?;
-    let points = Input::read(&files[1], None)?.cloud()?.points;
-    Ok(evaluate_points(truth.ground_truth(), &[&points], options)?[0])
+    let cloud = Input::read(&files[1], None)?.cloud()?;
+    common.tell(&cloud.warnings, &[]);
+    Ok(evaluate_points(truth.ground_truth(), &[&cloud.points], options)?[0])
 }

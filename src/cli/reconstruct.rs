@@ -15,12 +15,13 @@ use super::codes::CodesFiles;
 use super::coverage::{coverage_json, coverage_text};
 use super::failure::Failure;
 use super::files::{
-    CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_writable, format_parser, is_pipe, is_same_file, print,
-    write_bytes,
+    CLOUD_FORMATS, MESH_FORMATS, Output, check_apart, check_writable, format_parser, is_pipe, is_same_file,
+    print, write_bytes,
 };
 use super::interrupt::Interrupt;
 use super::json::{Object, list, quoted};
 use super::preview::{View, ViewArgs, render};
+use super::reading::ReadArgs;
 use super::report::{gate, passes_gate, topology_json};
 use super::settings::Settings;
 use super::train::{Plan, Trained, train};
@@ -38,9 +39,9 @@ pub fn resolution_parser() -> impl TypedValueParser<Value = usize> {
 /// Arguments of `reconstruct`.
 #[derive(Debug, Args)]
 pub struct ReconstructArgs {
-    /// The point cloud (ply, xyz, csv, obj, stl, npy, KITTI bin), or `-`
+    /// The point cloud, or `-`; `bijective-sdf reconstruct --help` lists the formats at --format
     input: PathBuf,
-    /// The mesh to write (ply, obj, stl), or `-`
+    /// The mesh to write (ply, obj, stl, off), or `-`
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     #[command(flatten)]
@@ -48,9 +49,8 @@ pub struct ReconstructArgs {
     /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost
     #[arg(long, default_value_t = RESOLUTION, value_parser = resolution_parser())]
     resolution: usize,
-    /// Format of the input [default: by extension, else by content]
-    #[arg(long, value_parser = format_parser())]
-    format: Option<Format>,
+    #[command(flatten)]
+    reading: ReadArgs,
     /// Format of the mesh [default: by extension; ply for `-`]
     #[arg(long, value_parser = format_parser())]
     output_format: Option<Format>,
@@ -110,9 +110,9 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         return Err(Failure::Usage("--codes needs codes, which only parameterization=bsp has".into()));
     }
     let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
-    let input = Input::read(&args.input, args.format)?;
+    let input = args.reading.input(&args.input)?;
     let cloud = input.cloud()?;
-    cloud.notices.iter().for_each(|n| common.note(n));
+    common.tell(&cloud.warnings, &cloud.notices);
     // The same check as the library's, here for its numbers and for an error that names the file.
     let clean = clean_cloud(&cloud.points).map_err(|e| Failure::Input(e.in_file(input.path())))?;
     if clean.duplicates_merged > 0 {
@@ -163,6 +163,9 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .path("output", Some(places.mesh.path()))
             .count("points", clean.points.len())
             .count("duplicates", clean.duplicates_merged)
+            .count("left_out", cloud.left_out)
+            .raw("warnings", list(cloud.warnings.iter().map(|w| quoted(w))))
+            .raw("notices", list(cloud.notices.iter().map(|n| quoted(n))))
             .text("preset", preset.name())
             .raw("seed", config.seed)
             .count("resolution", args.resolution);
@@ -232,7 +235,7 @@ impl Places {
         .filter_map(|(option, path)| path.map(|p| (option, p.as_path())))
         .collect();
         for (i, (option, path)) in files.iter().enumerate() {
-            if let Some((other, _)) = files[..i].iter().find(|(_, p)| p == path) {
+            if let Some((other, _)) = files[..i].iter().find(|(_, p)| p == path || is_same_file(p, path)) {
                 return Err(Failure::Usage(format!("{other} and {option} are both {}", path.display())));
             }
             if is_pipe(path) && ["--save-field", "--checkpoint"].contains(option) {
@@ -241,9 +244,10 @@ impl Places {
             if is_pipe(path) && args.json {
                 return Err(Failure::Usage(format!("{option} - and --json would mix on standard output")));
             }
-            if is_same_file(path, &args.input) {
-                let text = format!("{option} would overwrite the input, {}", path.display());
-                return Err(Failure::Usage(text));
+            check_apart(option, path, &args.input)?;
+            // A run may go on in the checkpoint that it came from.
+            if let Some(resume) = args.resume.as_deref().filter(|_| *option != "--checkpoint") {
+                check_apart(option, path, resume)?;
             }
             check_writable(path)?;
         }

@@ -13,12 +13,12 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{CLOUD_FORMATS, Input, Output, format_parser};
+use super::files::{CLOUD_FORMATS, Input, Output, check_apart, format_parser};
 
 /// Arguments of `sample`.
 #[derive(Debug, Args)]
 pub struct SampleArgs {
-    /// A triangle mesh (ply, obj, stl), or `-`
+    /// A triangle mesh (ply, obj, stl, off), or `-`
     mesh: PathBuf,
     /// The point cloud to write (ply, xyz, csv), or `-`
     #[arg(short, long, value_name = "FILE")]
@@ -81,6 +81,7 @@ impl FromStr for Noise {
 /// Samples a mesh.
 pub fn run(args: &SampleArgs, common: Common) -> Result<(), Failure> {
     let output = Output::new(&args.output, args.output_format, args.ascii, &CLOUD_FORMATS)?;
+    check_apart("--output", &args.output, &args.mesh)?;
     let mesh = Input::read(&args.mesh, args.format)?.mesh()?;
     let mut points = sample_surface(&mesh, args.count as usize, args.seed)?.points;
     let deviation = match args.noise {

@@ -3,13 +3,13 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use bijective_sdf::io::Format;
 use bijective_sdf::reconstruct::Reconstruction;
 use clap::Args;
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{Input, format_parser, print};
+use super::files::print;
+use super::reading::ReadArgs;
 
 /// Arguments of `sdf`.
 #[derive(Debug, Args)]
@@ -21,17 +21,17 @@ pub struct SdfArgs {
     /// Print the gradient behind each value
     #[arg(long)]
     gradient: bool,
-    /// Format of the points [default: by extension, else by content]
-    #[arg(long, value_parser = format_parser())]
-    format: Option<Format>,
+    #[command(flatten)]
+    reading: ReadArgs,
 }
 
 /// Prints a line a point.
 pub fn run(args: &SdfArgs, common: Common) -> Result<(), Failure> {
     let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
     field.notices().iter().for_each(|notice| common.note(notice));
-    let cloud = Input::read(&args.points, args.format)?.cloud()?;
-    cloud.notices.iter().for_each(|n| common.note(n));
+    // A line is printed for every row, so none may be left out.
+    let cloud = args.reading.rows(&args.points)?.cloud()?;
+    common.tell(&cloud.warnings, &cloud.notices);
     let values = field.sdf(&cloud.points);
     let gradients = args.gradient.then(|| field.gradient(&cloud.points));
     let mut text = String::new();

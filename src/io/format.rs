@@ -21,16 +21,44 @@ pub enum Format {
     Obj,
     /// Stereolithography triangles, text or binary; meshes, or a cloud of their corners.
     Stl,
-    /// A NumPy array with 3 or more columns; clouds only.
+    /// Object file format of Geomview, with COFF, NOFF and STOFF, text; clouds and meshes.
+    Off,
+    /// Point Cloud Library, text, binary or packed; clouds only.
+    Pcd,
+    /// Scans of Leica with their poses, text; clouds only.
+    Ptx,
+    /// The older format of the Visualization Toolkit, text or binary; its points.
+    Vtk,
+    /// A NumPy array of points; clouds only.
     Npy,
+    /// An archive of NumPy arrays; clouds only.
+    Npz,
+    /// Laser scans from the air, LAS or, with the feature `formats`, LAZ; clouds only.
+    Las,
+    /// Terrestrial laser scans, with the feature `formats`; clouds only.
+    E57,
     /// Raw little-endian `f32` rows of x, y, z, intensity as in the KITTI laser scans; clouds only.
     Kitti,
 }
 
 impl Format {
     /// Every format, in the order in which messages list them.
-    pub const ALL: [Format; 7] =
-        [Format::Ply, Format::Xyz, Format::Csv, Format::Obj, Format::Stl, Format::Npy, Format::Kitti];
+    pub const ALL: [Format; 14] = [
+        Format::Ply,
+        Format::Xyz,
+        Format::Csv,
+        Format::Obj,
+        Format::Stl,
+        Format::Off,
+        Format::Pcd,
+        Format::Ptx,
+        Format::Vtk,
+        Format::Npy,
+        Format::Npz,
+        Format::Las,
+        Format::E57,
+        Format::Kitti,
+    ];
 
     /// The name by which a user chooses it, in lower case.
     pub fn name(self) -> &'static str {
@@ -40,7 +68,14 @@ impl Format {
             Format::Csv => "csv",
             Format::Obj => "obj",
             Format::Stl => "stl",
+            Format::Off => "off",
+            Format::Pcd => "pcd",
+            Format::Ptx => "ptx",
+            Format::Vtk => "vtk",
             Format::Npy => "npy",
+            Format::Npz => "npz",
+            Format::Las => "las",
+            Format::E57 => "e57",
             Format::Kitti => "kitti",
         }
     }
@@ -53,15 +88,55 @@ impl Format {
             Format::Csv => &["csv"],
             Format::Obj => &["obj"],
             Format::Stl => &["stl"],
+            Format::Off => &["off", "coff", "noff"],
+            Format::Pcd => &["pcd"],
+            Format::Ptx => &["ptx"],
+            Format::Vtk => &["vtk"],
             Format::Npy => &["npy"],
+            Format::Npz => &["npz"],
+            Format::Las => &["las", "laz"],
+            Format::E57 => &["e57"],
             Format::Kitti => &["bin"],
         }
     }
 
-    /// The format that the extension of `path` means, in any letter case.
+    /// The format that the extension of `path` means, in any letter case; `.gz` behind it does not count.
     pub fn from_path(path: impl AsRef<Path>) -> Option<Format> {
-        let extension = path.as_ref().extension()?.to_str()?.to_ascii_lowercase();
+        let mut path = path.as_ref();
+        let mut extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        if extension == "gz" {
+            path = Path::new(path.file_stem()?);
+            extension = path.extension()?.to_str()?.to_ascii_lowercase();
+        }
         Format::ALL.into_iter().find(|f| f.extensions().contains(&extension.as_str()))
+    }
+
+    /// Whether files of this format can hold faces.
+    pub fn holds_faces(self) -> bool {
+        matches!(self, Format::Ply | Format::Obj | Format::Stl | Format::Off)
+    }
+
+    /// The format of a file whose name means `hint`, whose bytes may be packed with gzip.
+    ///
+    /// # Errors
+    ///
+    /// As [`read_cloud_bytes`](super::read_cloud_bytes) where the bytes cannot be unpacked or are of a format that is
+    /// not read.
+    pub fn of(bytes: &[u8], hint: Option<Format>) -> Result<Format, Error> {
+        let options = super::ReadOptions { hint, ..Default::default() };
+        super::choose(&super::unpacked(bytes)?, &options)
+    }
+
+    /// The format of a file whose name means `hint`: what the content shows wins, and the name decides where the
+    /// content fits several formats or none.
+    pub fn from_content_and(bytes: &[u8], hint: Option<Format>) -> Option<Format> {
+        match (Format::from_content(bytes), hint) {
+            // Columns of numbers are read alike under both names.
+            (Some(Format::Xyz | Format::Csv), Some(hint @ (Format::Xyz | Format::Csv))) => Some(hint),
+            // Rows of floats may happen to be text, or to have the size that a binary STL names.
+            (Some(Format::Stl), Some(Format::Kitti)) if !bytes.starts_with(b"solid") => Some(Format::Kitti),
+            (found, hint) => found.or(hint),
+        }
     }
 
     /// The format that the first bytes of a file point to.
@@ -71,11 +146,23 @@ impl Format {
         if bytes.starts_with(b"\x93NUMPY") {
             return Some(Format::Npy);
         }
-        if bytes.starts_with(b"ply\n") || bytes.starts_with(b"ply\r") {
+        let line = bytes[..bytes.len().min(64)].split(|b| b"\n\r".contains(b)).next().unwrap_or_default();
+        if line.len() < bytes.len() && line.trim_ascii_end() == b"ply" {
             return Some(Format::Ply);
         }
-        if super::stl::looks_like_stl(bytes) {
-            return Some(Format::Stl);
+        type Mark = (fn(&[u8]) -> bool, Format);
+        let marks: [Mark; 8] = [
+            (super::zip::looks_like_zip, Format::Npz),
+            (super::las::looks_like_las, Format::Las),
+            (super::e57::looks_like_e57, Format::E57),
+            (super::vtk::looks_like_vtk, Format::Vtk),
+            (super::pcd::looks_like_pcd, Format::Pcd),
+            (super::off::looks_like_off, Format::Off),
+            (super::ptx::looks_like_ptx, Format::Ptx),
+            (super::stl::looks_like_stl, Format::Stl),
+        ];
+        if let Some((_, format)) = marks.iter().find(|(fits, _)| fits(bytes)) {
+            return Some(*format);
         }
         let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
         from_text(&bytes[..bytes.len().min(4096)])
@@ -98,14 +185,14 @@ fn from_text(start: &[u8]) -> Option<Format> {
     }
     for (_, line) in Lines::new(start).take(64) {
         let line = line.trim_ascii();
-        if line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") {
+        if line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") || line.starts_with(b"%") {
             continue;
         }
         let first = words(line).next()?;
         if [&b"v"[..], b"vn", b"vt", b"vp", b"f", b"o", b"g", b"mtllib", b"usemtl"].contains(&first) {
             return Some(Format::Obj);
         }
-        let field = line.split(|&b| b",; \t".contains(&b)).next()?;
+        let field = line.split(|&b| b",;| \t".contains(&b)).next()?;
         if float(field).is_some() {
             let commas = line.contains(&b',') || line.contains(&b';');
             return Some(if commas { Format::Csv } else { Format::Xyz });
@@ -156,8 +243,9 @@ mod tests {
             }
         }
         assert_eq!(Format::from_path("cloud"), None);
-        assert_eq!(Format::from_path("cloud.las"), None);
-        let e = "las".parse::<Format>().unwrap_err();
+        assert_eq!(Format::from_path("cloud.dxf"), None);
+        assert_eq!(Format::from_path("a/cloud.XYZ.gz"), Some(Format::Xyz));
+        let e = "dxf".parse::<Format>().unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Format);
         for format in Format::ALL {
             assert!(e.to_string().contains(format.name()), "{e}");
@@ -166,7 +254,16 @@ mod tests {
 
     #[test]
     fn content_tells_the_format() {
-        let cases: [(&[u8], Option<Format>); 13] = [
+        let cases: [(&[u8], Option<Format>); 22] = [
+            (b"ply \nformat ascii 1.0\n", Some(Format::Ply)),
+            (b"PK\x03\x04", Some(Format::Npz)),
+            (b"LASF\0\0", Some(Format::Las)),
+            (b"ASTM-E57", Some(Format::E57)),
+            (b"# vtk DataFile Version 2.0\n", Some(Format::Vtk)),
+            (b"# .PCD v0.7\nVERSION 0.7\n", Some(Format::Pcd)),
+            (b"COFF\n1 0 0\n", Some(Format::Off)),
+            (super::super::ptx::tests::SCANS.as_bytes(), Some(Format::Ptx)),
+            (b"% x y z\n1 2 3\n", Some(Format::Xyz)),
             (b"ply\nformat ascii 1.0\n", Some(Format::Ply)),
             (b"ply\r\nformat ascii 1.0\r\n", Some(Format::Ply)),
             (b"\x93NUMPY\x01\x00", Some(Format::Npy)),

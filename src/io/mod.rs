@@ -1,9 +1,10 @@
 //! Readers and writers of point clouds and triangle meshes.
 //!
-//! The format is chosen by the file name's extension, else by the content, or named outright. Every reader checks what
-//! a file promises against the bytes at hand before it reserves memory, and refuses coordinates that are not finite,
-//! so what comes out can be used as it is. Errors carry the file, the line of a text and the element (`point 17`,
-//! `face 3`, counted from 0).
+//! The format is chosen by the content, and by the file name's extension where the content fits several formats or
+//! none; or it is named outright. Every reader checks what a file promises against the bytes at hand before it reserves
+//! memory. Rows of a cloud that hold no point are left out with a warning, and where it is not certain which numbers
+//! are the coordinates, nothing is read; so what comes out can be used as it is. Errors carry the file, the line of a
+//! text and the element (`point 17`, `face 3`, counted from 0).
 //!
 //! | Format | read cloud | read mesh | write cloud | write mesh |
 //! |---|---|---|---|---|
@@ -12,36 +13,56 @@
 //! | CSV | yes | | yes | |
 //! | OBJ | yes | yes | | yes |
 //! | STL (text, binary) | yes | yes | | yes |
-//! | NPY | yes | | | |
-//! | KITTI `.bin` | yes | | | |
+//! | OFF, COFF, NOFF, STOFF | yes | yes | | yes, as OFF |
+//! | PCD (text, binary, packed), PTX, legacy VTK | yes | | | |
+//! | NPY, NPZ | yes | | | |
+//! | LAS; with the feature `formats` LAZ and E57 | yes | | | |
+//! | raw floats (KITTI `.bin`) | yes | | | |
+//!
+//! With the feature `formats` each of them may be packed with gzip. Formats that are not read are named, with how to
+//! convert them.
 //!
 //! Adding a format takes one file with `read` and `write`, a variant of [`Format`] and a line in each of the
 //! matches below.
 
+use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
+mod doubt;
+mod e57;
+mod fillers;
+mod foreign;
 mod format;
-mod kitti;
+mod las;
 mod npy;
+mod npz;
 mod obj;
+mod off;
+mod options;
+mod packed;
+mod pcd;
 mod ply;
+mod ptx;
+mod raw;
 mod stl;
+mod table;
 mod text;
+mod vtk;
 mod write;
-mod xyz;
+mod zip;
 
 pub use crate::atomic::write_atomic;
+pub use foreign::name_file;
 pub use format::Format;
+pub use options::{Columns, Raw, ReadOptions};
 pub use write::{
     Encoding, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to, write_mesh,
     write_mesh_as, write_mesh_to,
 };
-
-use text::float;
 
 /// The points of a file and what the reader left out.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -54,6 +75,13 @@ pub struct PointCloud {
     pub normals: Option<Vec<[f32; 3]>>,
     /// One sentence for each thing worth telling the user, such as `ignored 2 extra columns`.
     pub notices: Vec<String>,
+    /// One sentence for each thing by which the points may be others than the user thinks, such as rows that were left
+    /// out. A program should show these whatever else it keeps quiet about.
+    pub warnings: Vec<String>,
+    /// How many rows of the file were left out because they hold no point; the warnings say why.
+    pub left_out: usize,
+    /// How many faces the file has beside its points; they were not read.
+    pub faces: u64,
 }
 
 /// Reads the points of a file, n x 3; of a mesh file, its vertices.
@@ -81,23 +109,53 @@ pub fn read_cloud_as(path: impl AsRef<Path>, format: Format) -> Result<PointClou
 ///
 /// As [`read_cloud`], without a file name and without [`ErrorKind::Io`].
 pub fn read_cloud_bytes(bytes: &[u8], format: Option<Format>) -> Result<PointCloud, Error> {
-    let loaded = load(bytes, choose(bytes, format)?, Want::Cloud)?;
-    if loaded.verts.is_empty() {
-        return Err(
-            Error::new(ErrorKind::Data, "there are no points").advise("give a file with at least 4 points")
-        );
+    read_cloud_with(bytes, &ReadOptions { format, ..ReadOptions::default() })
+}
+
+/// Reads points, n x 3, from the bytes of a file, with all that is known about it.
+///
+/// Rows that hold no point (not finite, or a value that stands for none) are left out with a warning, unless
+/// [`ReadOptions::every_row`] or [`ReadOptions::assume`] forbid it.
+///
+/// # Errors
+///
+/// As [`read_cloud_bytes`]; [`ErrorKind::Format`] also where it is not certain which numbers are the coordinates, with
+/// what to give.
+pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud, Error> {
+    let want = if options.every_row { Want::EveryRow } else { Want::Cloud };
+    let bytes = &unpacked(bytes)?;
+    let mut loaded = load(bytes, choose(bytes, options)?, options, want)?;
+    let total = loaded.verts.len();
+    if !options.every_row {
+        fillers::drop_rows(&mut loaded, options.assume);
     }
+    if loaded.verts.is_empty() {
+        let what = match total {
+            0 => "there are no points".to_string(),
+            n => format!("none of the {n} points has three finite numbers"),
+        };
+        return Err(Error::new(ErrorKind::Data, what).advise("give a file with at least 4 points"));
+    }
+    let points = to_floats(&loaded.verts, "point")?;
+    let mut warnings = loaded.warnings;
+    warnings.extend(coarse_floats(&loaded.verts));
     let mut notices = loaded.notices;
-    notices.extend(coarse_floats(&loaded.verts));
     let mut normals = Some(loaded.normals).filter(|n| !n.is_empty());
     if let Some(i) = normals.iter().flatten().position(|n| n.iter().any(|x| !x.is_finite())) {
         notices.push(format!("ignored the normals: that of point {i} is not finite"));
         normals = None;
     }
-    Ok(PointCloud { points: loaded.verts, normals, notices })
+    Ok(PointCloud {
+        points,
+        normals,
+        notices,
+        warnings,
+        left_out: loaded.left_out,
+        faces: loaded.ignored_faces,
+    })
 }
 
-/// Reads a triangle mesh from a PLY, OBJ or STL file; polygons become fans of triangles.
+/// Reads a triangle mesh from a PLY, OBJ, STL or OFF file; polygons become fans of triangles.
 ///
 /// Every face index is below the number of vertices. Vertices and faces keep the order of the file; STL, which repeats
 /// each vertex, gets equal positions merged.
@@ -126,7 +184,17 @@ pub fn read_mesh_as(path: impl AsRef<Path>, format: Format) -> Result<TriangleMe
 ///
 /// As [`read_mesh`], without a file name and without [`ErrorKind::Io`].
 pub fn read_mesh_bytes(bytes: &[u8], format: Option<Format>) -> Result<TriangleMesh, Error> {
-    let loaded = load(bytes, choose(bytes, format)?, Want::Mesh)?;
+    read_mesh_with(bytes, &ReadOptions { format, ..ReadOptions::default() })
+}
+
+/// Reads a triangle mesh from the bytes of a file, with all that is known about it.
+///
+/// # Errors
+///
+/// As [`read_mesh_bytes`].
+pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMesh, Error> {
+    let bytes = &unpacked(bytes)?;
+    let loaded = load(bytes, choose(bytes, options)?, options, Want::Mesh)?;
     if loaded.verts.is_empty() || loaded.faces.is_empty() {
         let what = if loaded.verts.is_empty() { "vertices" } else { "faces" };
         return Err(Error::new(ErrorKind::Data, format!("there are no {what}"))
@@ -142,80 +210,161 @@ pub fn read_mesh_bytes(bytes: &[u8], format: Option<Format>) -> Result<TriangleM
         .at_element(format!("triangle {i}"))
         .advise("the file is truncated or its indices are wrong; export it again"));
     }
-    Ok(TriangleMesh { verts: loaded.verts, faces: loaded.faces })
+    Ok(TriangleMesh { verts: to_floats(&loaded.verts, "vertex")?, faces: loaded.faces })
 }
 
-/// Whether faces are of interest.
+/// What is of interest: points, points of which none may be left out, or vertices and faces.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Want {
     Cloud,
+    EveryRow,
     Mesh,
 }
 
 /// The names of a normal's components.
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 
-/// What a reader hands back: v x 3 finite positions, v x 3 normals or none (finite or not), f x 3 indices (not yet
-/// checked against v), and notices.
+/// What a reader hands back: v x 3 positions (finite unless a cloud is wanted), v x 3 normals or none (finite or not),
+/// f x 3 indices (not yet checked against v), how many faces and rows it passed over, and what to tell.
 #[derive(Default)]
 struct Loaded {
-    verts: Vec<[f32; 3]>,
+    verts: Vec<[f64; 3]>,
     normals: Vec<[f32; 3]>,
     faces: Vec<[u32; 3]>,
+    ignored_faces: u64,
+    left_out: usize,
     notices: Vec<String>,
+    warnings: Vec<String>,
+}
+
+impl Loaded {
+    /// Says that faces are not read.
+    fn ignore_faces(&mut self, faces: u64) {
+        if faces > 0 {
+            self.ignored_faces = faces;
+            self.notices.push(format!("ignored {faces} faces; their vertices are the points"));
+        }
+    }
 }
 
 fn read_cloud_path(path: &Path, format: Option<Format>) -> Result<PointCloud, Error> {
-    let bytes = read_file(path)?;
-    read_cloud_bytes(&bytes, format.or_else(|| Format::from_path(path))).map_err(|e| e.in_file(path))
+    let options = ReadOptions { format, hint: Format::from_path(path), ..ReadOptions::default() };
+    read_cloud_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
 }
 
 fn read_mesh_path(path: &Path, format: Option<Format>) -> Result<TriangleMesh, Error> {
-    let bytes = read_file(path)?;
-    read_mesh_bytes(&bytes, format.or_else(|| Format::from_path(path))).map_err(|e| e.in_file(path))
+    let options = ReadOptions { format, hint: Format::from_path(path), ..ReadOptions::default() };
+    read_mesh_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
     fs::read(path).map_err(|e| Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
 }
 
-fn choose(bytes: &[u8], format: Option<Format>) -> Result<Format, Error> {
-    format.or_else(|| Format::from_content(bytes)).ok_or_else(|| {
-        let what = if bytes.is_empty() { "the file is empty" } else { "the file format is unknown" };
+/// The bytes of a file, unpacked if they are packed with gzip.
+fn unpacked(bytes: &[u8]) -> Result<Cow<'_, [u8]>, Error> {
+    if packed::looks_like_gzip(bytes) {
+        packed::gunzip(bytes).map(Cow::Owned)
+    } else {
+        Ok(Cow::Borrowed(bytes))
+    }
+}
+
+/// The format: the one named outright, else what the content shows, else what the name means.
+fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
+    if let Some(format) = options.format {
+        return Ok(format);
+    }
+    let found = Format::from_content_and(bytes, options.hint);
+    let marked = Format::from_content(bytes).filter(|f| !matches!(f, Format::Xyz | Format::Csv));
+    if let Some(format) = found.filter(|_| marked.is_some()) {
+        return Ok(format);
+    }
+    if foreign::is_colmap(bytes) {
+        return Err(foreign::colmap());
+    }
+    if options.hint != Some(Format::Kitti)
+        && let Some(e) = foreign::by_content(bytes)
+    {
+        return Err(e);
+    }
+    found.ok_or_else(|| {
+        let what = if bytes.is_empty() { "the file is empty" } else { foreign::UNKNOWN };
         Error::new(ErrorKind::Format, what).advise(format!("supported are {}", Format::list()))
     })
 }
 
-fn load(bytes: &[u8], format: Format, want: Want) -> Result<Loaded, Error> {
-    let holds_faces = matches!(format, Format::Ply | Format::Obj | Format::Stl);
-    if want == Want::Mesh && !holds_faces {
+fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
+    if want == Want::Mesh && !format.holds_faces() {
         return Err(Error::new(ErrorKind::Format, format!("{format} files hold points without faces"))
-            .advise("give a mesh as ply, obj or stl"));
+            .advise("give a mesh as ply, obj, stl or off"));
     }
     if bytes.is_empty() {
         return Err(Error::new(ErrorKind::Format, "the file is empty").advise("check how it was written"));
     }
+    let text = matches!(format, Format::Xyz | Format::Csv);
+    let columns = text || matches!(format, Format::Npy | Format::Npz | Format::Kitti);
+    let unused = [
+        (options.columns.is_some() && !columns, "columns"),
+        (options.delimiter.is_some() && !text, "a delimiter"),
+        (options.skip > 0 && !text, "lines to skip"),
+        (options.raw.is_some() && format != Format::Kitti, "rows of a raw file"),
+    ];
+    if let Some((_, what)) = unused.iter().find(|(given, _)| *given) {
+        return Err(Error::new(
+            ErrorKind::Format,
+            format!("{what} cannot be given for a file of the format {format}"),
+        )
+        .advise("leave the option out, or name the file's --format"));
+    }
     match format {
         Format::Ply => ply::read(bytes, want),
-        Format::Xyz | Format::Csv => xyz::read(bytes),
+        Format::Xyz | Format::Csv => table::read(bytes, options, want),
         Format::Obj => obj::read(bytes, want),
-        Format::Stl => stl::read(bytes),
-        Format::Npy => npy::read(bytes),
-        Format::Kitti => kitti::read(bytes),
+        Format::Stl => stl::read(bytes, want),
+        Format::Npy => npy::read(bytes, options, want),
+        Format::Npz => npz::read(bytes, options, want),
+        Format::Off => off::read(bytes, want),
+        Format::Pcd => pcd::read(bytes, want),
+        Format::Ptx => ptx::read(bytes, want),
+        Format::Vtk => vtk::read(bytes, want),
+        Format::Las => las::read(bytes, want),
+        Format::E57 => e57::read(bytes, want),
+        Format::Kitti => raw::read(bytes, options, want),
     }
 }
 
-/// Refuses NaN, infinities and what overflowed `f32`, before anything downstream can hide them.
-fn check_point(point: [f32; 3], noun: &str, index: usize) -> Result<(), Error> {
-    match point.iter().position(|x| !x.is_finite()) {
+/// Refuses numbers beyond 32-bit floats, and NaN and infinities where every row must be a point, while their place is
+/// known. In a cloud rows that are not finite are left out later.
+fn check_point(point: [f64; 3], want: Want, noun: &str, index: usize) -> Result<(), Error> {
+    let wrong = |x: &f64| match want {
+        // The largest number of 64 bits is a filler, which is looked at later.
+        Want::Cloud => x.is_finite() && x.abs() > f64::from(f32::MAX) && x.abs() < 1e300,
+        Want::EveryRow | Want::Mesh => !(*x as f32).is_finite(),
+    };
+    match point.iter().position(wrong) {
         None => Ok(()),
-        Some(axis) => Err(Error::new(
-            ErrorKind::Data,
-            format!("{} is {}, not a finite 32-bit number", ["x", "y", "z"][axis], point[axis]),
-        )
-        .at_element(format!("{noun} {index}"))
-        .advise("remove or repair it (elements are counted from 0)")),
+        Some(axis) => Err(not_finite(point[axis], axis).at_element(format!("{noun} {index}"))),
     }
+}
+
+fn not_finite(x: f64, axis: usize) -> Error {
+    let name = ["x", "y", "z"][axis];
+    Error::new(ErrorKind::Data, format!("{name} is {x:?}, not a finite 32-bit number"))
+        .advise("remove or repair it (elements are counted from 0)")
+}
+
+/// The positions as 32-bit numbers.
+fn to_floats(verts: &[[f64; 3]], noun: &str) -> Result<Vec<[f32; 3]>, Error> {
+    let mut out = Vec::with_capacity(verts.len());
+    for (i, p) in verts.iter().enumerate() {
+        let point = p.map(|x| x as f32);
+        if let Some(axis) = point.iter().position(|x| !x.is_finite()) {
+            return Err(not_finite(p[axis], axis).at_element(format!("{noun} {i}")));
+        }
+        out.push(point);
+    }
+    Ok(out)
 }
 
 /// Cuts a polygon into triangles that share its first corner.
@@ -245,16 +394,16 @@ fn push_fan(faces: &mut Vec<[u32; 3]>, polygon: &[i64]) -> Result<(), Error> {
 
 /// A notice where the coordinates are so large against the cloud's size that 32-bit floats lose its detail, as with
 /// map coordinates.
-fn coarse_floats(points: &[[f32; 3]]) -> Option<String> {
-    let (mut low, mut high) = ([f32::INFINITY; 3], [f32::NEG_INFINITY; 3]);
+fn coarse_floats(points: &[[f64; 3]]) -> Option<String> {
+    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
     for p in points {
         for axis in 0..3 {
             low[axis] = low[axis].min(p[axis]);
             high[axis] = high[axis].max(p[axis]);
         }
     }
-    let widest = (0..3).map(|a| f64::from(high[a]) - f64::from(low[a])).fold(0.0, f64::max);
-    let largest = (0..3).map(|a| f64::from(high[a].max(-low[a]))).fold(0.0, f64::max);
+    let widest = (0..3).map(|a| high[a] - low[a]).fold(0.0, f64::max);
+    let largest = (0..3).map(|a| high[a].max(-low[a])).fold(0.0, f64::max);
     let step = largest * f64::from(f32::EPSILON);
     (widest > 0.0 && step > 1e-4 * widest).then(|| {
         format!(
@@ -265,276 +414,4 @@ fn coarse_floats(points: &[[f32; 3]]) -> Option<String> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use proptest::prelude::*;
-
-    const TETRAHEDRON: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.25]];
-
-    fn tetrahedron() -> TriangleMesh {
-        TriangleMesh { verts: TETRAHEDRON.to_vec(), faces: vec![[0, 1, 2], [0, 2, 3], [2, 1, 3], [1, 0, 3]] }
-    }
-
-    fn mesh_bytes(mesh: &TriangleMesh, format: Format, encoding: Encoding) -> Vec<u8> {
-        let mut out = Vec::new();
-        write_mesh_to(&mut out, mesh, format, encoding).unwrap();
-        out
-    }
-
-    fn cloud_bytes(points: &[[f32; 3]], format: Format, encoding: Encoding) -> Vec<u8> {
-        let mut out = Vec::new();
-        write_cloud_to(&mut out, points, format, encoding).unwrap();
-        out
-    }
-
-    /// A small file of every format and encoding.
-    fn samples() -> Vec<(Format, Vec<u8>)> {
-        let mut files = Vec::new();
-        for encoding in [Encoding::Binary, Encoding::Ascii] {
-            for format in [Format::Ply, Format::Stl] {
-                files.push((format, mesh_bytes(&tetrahedron(), format, encoding)));
-            }
-        }
-        let mut big = Vec::new();
-        let mesh = tetrahedron();
-        ply::write(&mut big, &mesh.verts, Some(&mesh.faces), ply_rs::ply::Encoding::BinaryBigEndian).unwrap();
-        files.push((Format::Ply, big));
-        files.push((Format::Obj, mesh_bytes(&mesh, Format::Obj, Encoding::Ascii)));
-        files.push((Format::Xyz, cloud_bytes(&TETRAHEDRON, Format::Xyz, Encoding::Ascii)));
-        files.push((Format::Csv, cloud_bytes(&TETRAHEDRON, Format::Csv, Encoding::Ascii)));
-        files.push((Format::Npy, npy::tests::write(&TETRAHEDRON)));
-        let rows = TETRAHEDRON.iter().flat_map(|p| [p[0], p[1], p[2], 0.5]);
-        files.push((Format::Kitti, rows.flat_map(f32::to_le_bytes).collect()));
-        files
-    }
-
-    /// Whatever the bytes are, the answer is sound data or an error of one line that says where or what.
-    fn answers(bytes: &[u8], format: Option<Format>) {
-        let kinds = [ErrorKind::Format, ErrorKind::Data];
-        match read_cloud_bytes(bytes, format) {
-            Ok(cloud) => {
-                assert!(!cloud.points.is_empty());
-                assert!(cloud.points.as_flattened().iter().all(|x| x.is_finite()));
-                assert!(
-                    cloud.points.capacity() <= 4 * bytes.len() + 64,
-                    "{} reserved",
-                    cloud.points.capacity()
-                );
-                assert!(cloud.notices.iter().all(|n| !n.contains('\n')));
-                if let Some(normals) = &cloud.normals {
-                    assert!(normals.len() == cloud.points.len());
-                    assert!(normals.as_flattened().iter().all(|x| x.is_finite()));
-                }
-            }
-            Err(e) => assert!(kinds.contains(&e.kind()) && !e.to_string().contains('\n'), "{e}"),
-        }
-        match read_mesh_bytes(bytes, format) {
-            Ok(mesh) => {
-                assert!(mesh.verts.as_flattened().iter().all(|x| x.is_finite()));
-                assert!(mesh.faces.as_flattened().iter().all(|&i| (i as usize) < mesh.verts.len()));
-            }
-            Err(e) => assert!(kinds.contains(&e.kind()) && !e.to_string().contains('\n'), "{e}"),
-        }
-    }
-
-    #[test]
-    fn samples_are_read_by_name_and_by_content() {
-        for (format, bytes) in samples() {
-            let cloud = read_cloud_bytes(&bytes, Some(format)).unwrap_or_else(|e| panic!("{format}: {e}"));
-            assert_eq!(cloud.points, TETRAHEDRON, "{format}");
-            if format != Format::Kitti {
-                assert_eq!(read_cloud_bytes(&bytes, None).unwrap(), cloud, "{format}");
-            }
-            match read_mesh_bytes(&bytes, Some(format)) {
-                Ok(mesh) => assert_eq!(mesh, tetrahedron(), "{format}"),
-                Err(e) => assert!(e.to_string().contains("points without faces"), "{format}: {e}"),
-            }
-        }
-    }
-
-    #[test]
-    fn every_truncation_is_answered() {
-        for (format, bytes) in samples() {
-            for end in 0..bytes.len() {
-                answers(&bytes[..end], Some(format));
-                answers(&bytes[..end], None);
-            }
-        }
-    }
-
-    #[test]
-    fn a_binary_truncation_is_never_taken_for_the_whole() {
-        for (format, bytes) in samples().into_iter().filter(|(f, _)| matches!(f, Format::Npy | Format::Kitti))
-        {
-            for end in 0..bytes.len() {
-                let whole = read_cloud_bytes(&bytes[..end], Some(format)).is_ok_and(|c| c.points.len() == 4);
-                assert!(!whole, "{format} at {end}");
-            }
-        }
-        for format in [Format::Ply, Format::Stl] {
-            let bytes = mesh_bytes(&tetrahedron(), format, Encoding::Binary);
-            for end in 0..bytes.len() {
-                assert!(read_mesh_bytes(&bytes[..end], Some(format)).is_err(), "{format} at {end}");
-                // The points of a PLY mesh are whole once its vertices are.
-                let cloud = read_cloud_bytes(&bytes[..end], Some(format));
-                assert!(cloud.is_err() || (format == Format::Ply && cloud.unwrap().points == TETRAHEDRON));
-            }
-        }
-    }
-
-    #[test]
-    fn every_flipped_byte_is_answered() {
-        for (format, bytes) in samples() {
-            for at in 0..bytes.len() {
-                for flip in [0x01, 0x02, 0x10, 0x20, 0x80, 0xff] {
-                    let mut damaged = bytes.clone();
-                    damaged[at] ^= flip;
-                    answers(&damaged, Some(format));
-                }
-            }
-        }
-    }
-
-    #[test]
-    fn paths_choose_formats_and_errors_name_the_file() {
-        let dir = std::env::temp_dir().join(format!("bijective-sdf-io-{}", std::process::id()));
-        fs::create_dir_all(&dir).unwrap();
-        for name in ["a.ply", "a.OBJ", "a.stl"] {
-            write_mesh(dir.join(name), &tetrahedron()).unwrap();
-            assert_eq!(read_mesh(dir.join(name)).unwrap(), tetrahedron());
-            assert_eq!(read_cloud(dir.join(name)).unwrap().points, TETRAHEDRON);
-        }
-        for name in ["b.ply", "b.xyz", "b.csv", "b.pts"] {
-            write_cloud(dir.join(name), &TETRAHEDRON).unwrap();
-            assert_eq!(read_cloud(dir.join(name)).unwrap().points, TETRAHEDRON);
-        }
-        write_cloud_as(dir.join("c"), &TETRAHEDRON, Format::Ply, Encoding::Ascii).unwrap();
-        assert_eq!(read_cloud(dir.join("c")).unwrap().points, TETRAHEDRON);
-        write_mesh_as(dir.join("c.bin"), &tetrahedron(), Format::Ply, Encoding::Ascii).unwrap();
-        assert_eq!(read_mesh_as(dir.join("c.bin"), Format::Ply).unwrap(), tetrahedron());
-        assert!(read_cloud_as(dir.join("c"), Format::Npy).is_err());
-
-        fs::write(dir.join("d.xyz"), "1 2 3\n4 5\n").unwrap();
-        let e = read_cloud(dir.join("d.xyz")).unwrap_err();
-        assert_eq!((e.file(), e.line()), (Some(dir.join("d.xyz").as_path()), Some(2)));
-        assert!(
-            e.to_string()
-                .ends_with("d.xyz:2: point 1: 3 numbers expected, 2 found; complete the line or delete it")
-        );
-        let cases: [(&str, &[u8], ErrorKind, &str); 6] = [
-            ("e.las", b"LASF\x00", ErrorKind::Format, "format is unknown; supported are ply (.ply), xyz"),
-            ("e", b"", ErrorKind::Format, "the file is empty"),
-            ("e.npy", b"", ErrorKind::Format, "the file is empty"),
-            ("e.csv", b"x,y,z\n", ErrorKind::Data, "no points"),
-            ("e.obj", b"# nothing\n", ErrorKind::Data, "no points"),
-            ("e.ply", b"solid\n", ErrorKind::Format, "does not begin with the line \"ply\""),
-        ];
-        for (name, bytes, kind, message) in cases {
-            fs::write(dir.join(name), bytes).unwrap();
-            let e = read_cloud(dir.join(name)).unwrap_err();
-            assert_eq!((e.kind(), e.file()), (kind, Some(dir.join(name).as_path())), "{e}");
-            assert!(e.to_string().contains(message), "{e}");
-        }
-        let e = read_cloud(dir.join("none.ply")).unwrap_err();
-        assert_eq!(e.kind(), ErrorKind::Io);
-        let e = read_mesh(dir.join("b.csv")).unwrap_err();
-        assert!(e.to_string().contains("csv files hold points without faces"), "{e}");
-        fs::remove_dir_all(&dir).unwrap();
-    }
-
-    #[test]
-    fn meshes_need_faces_with_vertices_that_exist() {
-        let e = read_mesh_bytes(b"v 0 0 0\n", Some(Format::Obj)).unwrap_err();
-        assert!(e.to_string().contains("there are no faces; give a triangle mesh"), "{e}");
-        let text = String::from_utf8(mesh_bytes(&tetrahedron(), Format::Ply, Encoding::Ascii)).unwrap();
-        let e = read_mesh_bytes(text.replace("3 2 1 3", "3 2 1 4").as_bytes(), None).unwrap_err();
-        assert!(
-            e.to_string().starts_with("triangle 2: vertices 2, 1, 4 are named, but the file has 4"),
-            "{e}"
-        );
-    }
-
-    #[test]
-    fn odd_normals_are_left_out_with_a_notice() {
-        let read = |z: &str| {
-            let text = format!("x,y,z,nx,ny,nz\n0,0,0,0,0,1\n1,0,0,0,0,{z}\n");
-            read_cloud_bytes(text.as_bytes(), Some(Format::Csv)).unwrap()
-        };
-        assert_eq!(read("-2").normals, Some(vec![[0.0, 0.0, 1.0], [0.0, 0.0, -2.0]]));
-        for odd in ["nan", "", "word"] {
-            let cloud = read(odd);
-            assert!(cloud.normals.is_none() && cloud.points.len() == 2);
-            assert!(cloud.notices[0].contains("that of point 1"), "{:?}", cloud.notices);
-        }
-    }
-
-    #[test]
-    fn map_coordinates_are_noticed() {
-        let near: Vec<[f32; 3]> = TETRAHEDRON.to_vec();
-        let far: Vec<[f32; 3]> = near.iter().map(|p| p.map(|x| x + 4e5)).collect();
-        let notices = |p: &[[f32; 3]]| {
-            read_cloud_bytes(&cloud_bytes(p, Format::Ply, Encoding::Binary), None).unwrap().notices
-        };
-        assert!(notices(&near).is_empty());
-        assert!(notices(&far)[0].contains("subtract a common offset"), "{:?}", notices(&far));
-    }
-
-    fn finite() -> impl Strategy<Value = f32> {
-        prop_oneof![
-            -10.0_f32..10.0,
-            any::<u32>().prop_map(f32::from_bits).prop_filter("finite", |x| x.is_finite())
-        ]
-    }
-
-    fn bits(points: &[[f32; 3]]) -> Vec<[u32; 3]> {
-        points.iter().map(|p| p.map(f32::to_bits)).collect()
-    }
-
-    /// The corners of every triangle, with -0 as 0.
-    fn corners(mesh: &TriangleMesh) -> Vec<[u32; 3]> {
-        mesh.faces
-            .as_flattened()
-            .iter()
-            .map(|&i| mesh.verts[i as usize].map(|x| (x + 0.0).to_bits()))
-            .collect()
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(64))]
-
-        #[test]
-        fn clouds_come_back_to_the_bit(points in prop::collection::vec(prop::array::uniform3(finite()), 1..12)) {
-            for format in [Format::Ply, Format::Xyz, Format::Csv] {
-                for encoding in [Encoding::Binary, Encoding::Ascii] {
-                    let cloud = read_cloud_bytes(&cloud_bytes(&points, format, encoding), Some(format)).unwrap();
-                    prop_assert_eq!(bits(&cloud.points), bits(&points), "{}", format);
-                }
-            }
-            let cloud = read_cloud_bytes(&npy::tests::write(&points), None).unwrap();
-            prop_assert_eq!(bits(&cloud.points), bits(&points));
-        }
-
-        #[test]
-        fn meshes_come_back_to_the_bit(
-            verts in prop::collection::vec(prop::array::uniform3(finite()), 1..12),
-            picks in prop::collection::vec(prop::array::uniform3(0_u32..1000), 1..12),
-        ) {
-            let faces = picks.iter().map(|f| f.map(|i| i % verts.len() as u32)).collect();
-            let mesh = TriangleMesh { verts, faces };
-            for encoding in [Encoding::Binary, Encoding::Ascii] {
-                for format in [Format::Ply, Format::Obj] {
-                    let back = read_mesh_bytes(&mesh_bytes(&mesh, format, encoding), Some(format)).unwrap();
-                    prop_assert_eq!(bits(&back.verts), bits(&mesh.verts), "{}", format);
-                    prop_assert_eq!(&back.faces, &mesh.faces, "{}", format);
-                }
-                let back = read_mesh_bytes(&mesh_bytes(&mesh, Format::Stl, encoding), Some(Format::Stl)).unwrap();
-                prop_assert_eq!(corners(&back), corners(&mesh));
-            }
-        }
-
-        #[test]
-        fn any_bytes_are_answered(bytes in prop::collection::vec(any::<u8>(), 0..200), which in 0..8_usize) {
-            answers(&bytes, Format::ALL.get(which).copied());
-        }
-    }
-}
+mod tests;

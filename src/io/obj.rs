@@ -22,12 +22,12 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
                 let index = loaded.verts.len();
                 let point = three_floats(parts)
                     .map_err(|e| e.at_line(number).at_element(format!("vertex {index}")))?;
-                check_point(point, "vertex", index).map_err(|e| e.at_line(number))?;
+                check_point(point, want, "vertex", index).map_err(|e| e.at_line(number))?;
                 loaded.verts.push(point);
             }
             Some(b"f") => {
                 polygons += 1;
-                if want == Want::Cloud {
+                if want != Want::Mesh {
                     continue;
                 }
                 let at = |e: Error| e.at_line(number).at_element(format!("face {}", polygons - 1));
@@ -54,8 +54,8 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         .at_element(format!("face {}", largest.2))
         .advise("the file is truncated or its indices are wrong; export it again"));
     }
-    if want == Want::Cloud && polygons > 0 {
-        loaded.notices.push(format!("ignored {polygons} faces; their vertices are the points"));
+    if want != Want::Mesh {
+        loaded.ignore_faces(polygons);
     }
     Ok(loaded)
 }

@@ -4,7 +4,7 @@ use std::collections::HashMap;
 use std::io::{self, Write};
 
 use super::text::{Lines, show, three_floats, words, write_floats};
-use super::{Loaded, check_point};
+use super::{Loaded, Want, check_point};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
@@ -17,9 +17,14 @@ pub(super) fn looks_like_stl(bytes: &[u8]) -> bool {
 }
 
 /// Reads f x 3 triangles and merges equal positions into v x 3 vertices.
-pub(super) fn read(bytes: &[u8]) -> Result<Loaded, Error> {
+pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     // Some binary files also begin with `solid`, so the size is asked first.
-    if !size_fits(bytes) && starts_with_solid(bytes) { read_ascii(bytes) } else { read_binary(bytes) }
+    let ascii = !size_fits(bytes) && starts_with_solid(bytes);
+    let mut loaded = if ascii { read_ascii(bytes, want)? } else { read_binary(bytes, want)? };
+    if want != Want::Mesh {
+        loaded.ignored_faces = loaded.faces.len() as u64;
+    }
+    Ok(loaded)
 }
 
 /// Writes binary little-endian triangles with unit normals, or zero normals where a triangle has no area.
@@ -74,7 +79,7 @@ fn starts_with_solid(bytes: &[u8]) -> bool {
         && bytes.get(5).is_none_or(u8::is_ascii_whitespace)
 }
 
-fn read_binary(bytes: &[u8]) -> Result<Loaded, Error> {
+fn read_binary(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let Some(n) = count(bytes) else {
         return Err(Error::new(
             ErrorKind::Format,
@@ -97,8 +102,8 @@ fn read_binary(bytes: &[u8]) -> Result<Loaded, Error> {
         let mut face = [0; 3];
         for (corner, index) in face.iter_mut().enumerate() {
             let at = 12 + 12 * corner;
-            let point = [number(at), number(at + 4), number(at + 8)];
-            check_point(point, "triangle", i)?;
+            let point = [number(at), number(at + 4), number(at + 8)].map(f64::from);
+            check_point(point, want, "triangle", i)?;
             *index = corners.add(point)?;
         }
         corners.loaded.faces.push(face);
@@ -110,7 +115,7 @@ fn read_binary(bytes: &[u8]) -> Result<Loaded, Error> {
     Ok(corners.loaded)
 }
 
-fn read_ascii(bytes: &[u8]) -> Result<Loaded, Error> {
+fn read_ascii(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut corners = Corners::default();
     let mut face: Vec<u32> = Vec::with_capacity(4);
     let mut closed = false;
@@ -124,7 +129,7 @@ fn read_ascii(bytes: &[u8]) -> Result<Loaded, Error> {
         match keyword.to_ascii_lowercase().as_slice() {
             b"vertex" => {
                 let point = three_floats(parts).map_err(at)?;
-                check_point(point, "triangle", triangle).map_err(|e| e.at_line(number))?;
+                check_point(point, want, "triangle", triangle).map_err(|e| e.at_line(number))?;
                 face.push(corners.add(point)?);
             }
             b"endloop" => {
@@ -164,11 +169,11 @@ fn read_ascii(bytes: &[u8]) -> Result<Loaded, Error> {
 #[derive(Default)]
 struct Corners {
     loaded: Loaded,
-    seen: HashMap<[u32; 3], u32>,
+    seen: HashMap<[u64; 3], u32>,
 }
 
 impl Corners {
-    fn add(&mut self, point: [f32; 3]) -> Result<u32, Error> {
+    fn add(&mut self, point: [f64; 3]) -> Result<u32, Error> {
         let next = u32::try_from(self.loaded.verts.len())
             .map_err(|_| Error::new(ErrorKind::Format, "more than 4294967296 vertices"))?;
         // Adding 0 turns -0 into 0, so that the two compare equal as bits.
@@ -190,6 +195,7 @@ fn normal([a, b, c]: [[f32; 3]; 3]) -> [f32; 3] {
 
 #[cfg(test)]
 mod tests {
+    use super::super::to_floats;
     use super::*;
 
     fn tetrahedron() -> TriangleMesh {
@@ -210,8 +216,11 @@ mod tests {
         let mut text = Vec::new();
         write_ascii(&mut text, &tetrahedron()).unwrap();
         for bytes in [binary(), text] {
-            let loaded = read(&bytes).unwrap();
-            assert_eq!(TriangleMesh { verts: loaded.verts, faces: loaded.faces }, tetrahedron());
+            let loaded = read(&bytes, Want::Mesh).unwrap();
+            assert_eq!(
+                TriangleMesh { verts: to_floats(&loaded.verts, "vertex").unwrap(), faces: loaded.faces },
+                tetrahedron()
+            );
             assert!(looks_like_stl(&bytes));
         }
     }
@@ -229,10 +238,10 @@ mod tests {
     fn a_binary_file_may_begin_with_solid_and_have_a_tail() {
         let mut bytes = binary();
         bytes[..6].copy_from_slice(b"solid ");
-        assert_eq!(read(&bytes).unwrap().faces.len(), 4);
+        assert_eq!(read(&bytes, Want::Mesh).unwrap().faces.len(), 4);
         let mut bytes = binary();
         bytes.extend([0; 7]);
-        assert_eq!(read(&bytes).unwrap().notices, ["ignored 7 bytes behind the last triangle"]);
+        assert_eq!(read(&bytes, Want::Mesh).unwrap().notices, ["ignored 7 bytes behind the last triangle"]);
     }
 
     #[test]
@@ -240,14 +249,14 @@ mod tests {
         let text =
             b"SOLID x\nFACET NORMAL 0 0 0\nOUTER LOOP\nVERTEX 0 0 0\nvertex -0 0 -0\nvertex 1 0 0\nendloop\n\
             endfacet\nendsolid\n";
-        assert_eq!(read(text).unwrap().faces, [[0, 0, 1]]);
+        assert_eq!(read(text, Want::Mesh).unwrap().faces, [[0, 0, 1]]);
     }
 
     #[test]
     fn errors_name_the_place() {
-        let e = read(&binary()[..HEADER + ROW + 3]).map(|l| l.verts).unwrap_err();
+        let e = read(&binary()[..HEADER + ROW + 3], Want::Mesh).map(|l| l.verts).unwrap_err();
         assert!(e.to_string().contains("4 triangles promised, 1 are there"), "{e}");
-        let e = read(b"nothing").map(|l| l.verts).unwrap_err();
+        let e = read(b"nothing", Want::Mesh).map(|l| l.verts).unwrap_err();
         assert!(e.to_string().contains("84 bytes, 7 are there"), "{e}");
         let cases: [(&str, Option<u64>, &str); 6] = [
             ("solid\nfacet\nouter loop\nvertex 0 0\n", Some(4), "3 numbers expected, 2 found"),
@@ -258,7 +267,7 @@ mod tests {
             ("solid\nfacet\n", None, "ends without endsolid after 0 triangles"),
         ];
         for (text, line, message) in cases {
-            let e = read(text.as_bytes()).map(|l| l.verts).unwrap_err();
+            let e = read(text.as_bytes(), Want::Mesh).map(|l| l.verts).unwrap_err();
             assert_eq!(e.line(), line, "{text}: {e}");
             assert!(e.to_string().contains(message), "{text}: {e}");
         }

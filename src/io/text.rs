@@ -42,9 +42,22 @@ pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }
 
-/// A number, correctly rounded to `f32`; beyond its range it becomes infinite, which the caller must refuse.
-pub(super) fn float(word: &[u8]) -> Option<f32> {
-    std::str::from_utf8(word).ok()?.parse().ok()
+/// A number, also with the exponent `D` of Fortran, and the ways in which programs print that there is none.
+pub(super) fn float(word: &[u8]) -> Option<f64> {
+    let text = std::str::from_utf8(word).ok()?;
+    if let Ok(number) = text.parse() {
+        return Some(number);
+    }
+    let lower = text.to_ascii_lowercase();
+    let bare = lower.trim_start_matches(['+', '-']);
+    if bare.starts_with("nan(") || bare.starts_with("1.#") {
+        return Some(f64::NAN);
+    }
+    let (digits, exponent) = lower.split_once('d')?;
+    format!("{digits}e{exponent}")
+        .parse()
+        .ok()
+        .filter(|_| digits.ends_with(|c: char| c.is_ascii_digit() || c == '.'))
 }
 
 /// A whole number.
@@ -60,7 +73,7 @@ pub(super) fn show(word: &[u8]) -> String {
 }
 
 /// Three numbers from the first three words, or what is wrong with them.
-pub(super) fn three_floats<'a>(words: impl Iterator<Item = &'a [u8]>) -> Result<[f32; 3], Error> {
+pub(super) fn three_floats<'a>(words: impl Iterator<Item = &'a [u8]>) -> Result<[f64; 3], Error> {
     let mut point = [0.0; 3];
     let mut found = 0;
     for word in words.take(3) {
@@ -82,7 +95,9 @@ pub(super) fn not_a_number(word: &[u8]) -> Error {
 
 /// Leaves out the byte order mark of UTF-8 and refuses UTF-16, which would read as rubbish.
 pub(super) fn without_mark(bytes: &[u8]) -> Result<&[u8], Error> {
-    if bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
+    // Without a mark, every second byte of plain characters is 0.
+    let zeros = matches!(bytes, [a, 0, b, 0, ..] if *a > 0 && *b > 0);
+    if zeros || bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {
         return Err(Error::new(ErrorKind::Format, "the text is encoded as UTF-16")
             .advise("save it as UTF-8 or plain ASCII"));
     }
@@ -119,6 +134,21 @@ mod tests {
     }
 
     #[test]
+    fn numbers_of_many_programs_are_read() {
+        for (word, number) in
+            [("1.5", 1.5), ("+.5", 0.5), ("1.5D+02", 150.0), ("-2.d-1", -0.2), ("1e400", f64::INFINITY)]
+        {
+            assert_eq!(float(word.as_bytes()), Some(number), "{word}");
+        }
+        for word in ["nan", "-NaN", "nan(ind)", "-nan(snan)", "1.#QNAN", "-1.#IND00"] {
+            assert!(float(word.as_bytes()).unwrap().is_nan(), "{word}");
+        }
+        for word in ["", "d", "d5", "abcd3", "1.5.2", "1,5", "0x10", "--1"] {
+            assert_eq!(float(word.as_bytes()), None, "{word}");
+        }
+    }
+
+    #[test]
     fn shown_words_stay_on_one_line() {
         assert_eq!(show(b"a\nb"), "\"a\\nb\"");
         assert!(show(&[0xff; 100]).ends_with("..."));
@@ -144,7 +174,7 @@ mod tests {
             prop_assume!(x.is_finite());
             let mut out = Vec::new();
             write_float(&mut out, x).unwrap();
-            prop_assert_eq!(float(&out).unwrap().to_bits(), bits);
+            prop_assert_eq!((float(&out).unwrap() as f32).to_bits(), bits);
         }
     }
 }

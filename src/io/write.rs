@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::{Format, check_point, obj, ply, stl, write_atomic, xyz};
+use super::{Format, Want, check_point, obj, off, ply, stl, table, write_atomic};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
@@ -26,7 +26,7 @@ pub enum Encoding {
 /// As [`write_mesh_as`]; [`ErrorKind::Format`] also if the extension means no format.
 pub fn write_mesh(path: impl AsRef<Path>, mesh: &TriangleMesh) -> Result<(), Error> {
     let path = path.as_ref();
-    write_mesh_as(path, mesh, by_extension(path, "ply, obj, stl")?, Encoding::Binary)
+    write_mesh_as(path, mesh, by_extension(path, "ply, obj, stl, off")?, Encoding::Binary)
 }
 
 /// Writes a mesh in a named format and encoding; the file appears whole or not at all.
@@ -133,6 +133,7 @@ fn emit_mesh(out: &mut dyn Write, mesh: &TriangleMesh, format: Format, encoding:
         (Format::Stl, Encoding::Binary) => stl::write_binary(out, mesh),
         (Format::Stl, Encoding::Ascii) => stl::write_ascii(out, mesh),
         (Format::Obj, _) => obj::write(out, mesh),
+        (Format::Off, _) => off::write(out, mesh),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a mesh format")),
     }
 }
@@ -145,8 +146,8 @@ fn emit_cloud(
 ) -> io::Result<()> {
     match format {
         Format::Ply => ply::write(out, points, None, ply_encoding(encoding)),
-        Format::Xyz => xyz::write(out, points, " "),
-        Format::Csv => xyz::write(out, points, ","),
+        Format::Xyz => table::write(out, points, " "),
+        Format::Csv => table::write(out, points, ","),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a cloud format")),
     }
 }
@@ -167,9 +168,9 @@ fn by_extension(path: &Path, writable: &str) -> Result<Format, Error> {
 }
 
 fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
-    if !matches!(format, Format::Ply | Format::Obj | Format::Stl) {
+    if !format.holds_faces() {
         return Err(Error::new(ErrorKind::Format, format!("meshes are not written as {format}"))
-            .advise("choose one of ply, obj, stl"));
+            .advise("choose one of ply, obj, stl, off"));
     }
     let (v, f) = (mesh.verts.len(), mesh.faces.len());
     if f == 0 {
@@ -184,7 +185,7 @@ fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
         .advise("write the mesh in parts"));
     }
     for (i, &p) in mesh.verts.iter().enumerate() {
-        check_point(p, "vertex", i)?;
+        check_point(p.map(f64::from), Want::Mesh, "vertex", i)?;
     }
     if let Some(i) = mesh.faces.iter().position(|face| face.iter().any(|&c| c as usize >= v)) {
         return Err(Error::new(
@@ -204,7 +205,7 @@ fn check_cloud(points: &[[f32; 3]], format: Format) -> Result<(), Error> {
     if points.is_empty() {
         return Err(Error::new(ErrorKind::Data, "there are no points to write"));
     }
-    points.iter().enumerate().try_for_each(|(i, &p)| check_point(p, "point", i))
+    points.iter().enumerate().try_for_each(|(i, &p)| check_point(p.map(f64::from), Want::Mesh, "point", i))
 }
 
 fn failed(e: io::Error) -> Error {

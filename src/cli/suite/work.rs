@@ -64,7 +64,12 @@ impl Truth {
 /// The points that a run starts from.
 pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f32; 3]>, Failure> {
     let mut points = match job.setting.input.points {
-        None => Input::read(&job.shape.cloud, None)?.cloud()?.points,
+        None => {
+            let cloud = Input::read(&job.shape.cloud, None)?.cloud()?;
+            let file = job.shape.cloud.display();
+            cloud.warnings.iter().for_each(|w| say(&format!("warning: {file}: {w}")));
+            cloud.points
+        }
         Some(count) => match truth.map(|t| &t.content) {
             Some(Content::Mesh(mesh)) => {
                 sample_surface(mesh, count, INPUT_SEED.wrapping_add(job.seed))?.points

@@ -5,9 +5,9 @@ use std::io;
 use ply_rs::parser::{ParseError, Parser};
 use ply_rs::ply::{BeginList, ElementDef, Encoding, PropertyAccess, PropertyAccessResult, PropertyType};
 
-use super::super::{Loaded, Want, check_point, push_fan};
+use super::super::{Loaded, NORMAL, Want, check_point, push_fan};
 use super::header::{Header, size};
-use super::{CORNERS, cut_short, has_normals, wanted};
+use super::{CORNERS, axis_of, cut_short, has_normals, wanted};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -19,12 +19,12 @@ pub(super) fn read(header: &Header, mut body: &[u8], want: Want, loaded: &mut Lo
         }
         match def.name.as_str() {
             "vertex" => {
-                let normals = want == Want::Cloud && has_normals(def);
+                let normals = want != Want::Mesh && has_normals(def);
                 loaded.verts.reserve_exact(def.count);
                 loaded.normals.reserve_exact(if normals { def.count } else { 0 });
                 for i in 0..def.count {
                     let row: VertexRow = decoder.read(&mut body, def, i)?;
-                    check_point(row.point, "vertex", i)?;
+                    check_point(row.point, want, "vertex", i)?;
                     loaded.verts.push(row.point);
                     if normals {
                         loaded.normals.push(row.normal);
@@ -100,22 +100,19 @@ impl Decoder {
 
 /// Position and normal of a vertex, from any number type.
 struct VertexRow {
-    point: [f32; 3],
+    point: [f64; 3],
     normal: [f32; 3],
 }
 
 impl VertexRow {
-    fn set(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        let place = match name {
-            "x" => &mut self.point[0],
-            "y" => &mut self.point[1],
-            "z" => &mut self.point[2],
-            "nx" => &mut self.normal[0],
-            "ny" => &mut self.normal[1],
-            "nz" => &mut self.normal[2],
-            _ => return PropertyAccessResult::Ignored,
-        };
-        *place = value;
+    fn set(&mut self, name: &str, value: f64) -> PropertyAccessResult {
+        if let Some(axis) = axis_of(name) {
+            self.point[axis] = value;
+        } else if let Some(axis) = NORMAL.iter().position(|n| *n == name) {
+            self.normal[axis] = value as f32;
+        } else {
+            return PropertyAccessResult::Ignored;
+        }
         PropertyAccessResult::Set
     }
 }
@@ -125,28 +122,28 @@ impl PropertyAccess for VertexRow {
         VertexRow { point: [0.0; 3], normal: [0.0; 3] }
     }
     fn set_char(&mut self, name: &str, value: i8) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
+        self.set(name, f64::from(value))
     }
     fn set_uchar(&mut self, name: &str, value: u8) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
+        self.set(name, f64::from(value))
     }
     fn set_short(&mut self, name: &str, value: i16) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
+        self.set(name, f64::from(value))
     }
     fn set_ushort(&mut self, name: &str, value: u16) -> PropertyAccessResult {
-        self.set(name, f32::from(value))
+        self.set(name, f64::from(value))
     }
     fn set_int(&mut self, name: &str, value: i32) -> PropertyAccessResult {
-        self.set(name, value as f32)
+        self.set(name, f64::from(value))
     }
     fn set_uint(&mut self, name: &str, value: u32) -> PropertyAccessResult {
-        self.set(name, value as f32)
+        self.set(name, f64::from(value))
     }
     fn set_float(&mut self, name: &str, value: f32) -> PropertyAccessResult {
-        self.set(name, value)
+        self.set(name, f64::from(value))
     }
     fn set_double(&mut self, name: &str, value: f64) -> PropertyAccessResult {
-        self.set(name, value as f32)
+        self.set(name, value)
     }
 }
 

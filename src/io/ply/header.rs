@@ -74,9 +74,14 @@ impl Header {
             .advise("export the points as element vertex with properties x, y, z"));
         };
         for axis in ["x", "y", "z"] {
-            let scalar =
-                vertex.properties.get(axis).is_some_and(|p| matches!(p.data_type, PropertyType::Scalar(_)));
-            if !scalar {
+            let fits = |name: &&String| name.eq_ignore_ascii_case(axis);
+            let mut found = vertex.properties.keys().filter(fits);
+            let scalar = found.next().and_then(|name| vertex.properties.get(name));
+            if found.next().is_some() {
+                return Err(wrong(format!("there are two properties {axis}, in small and capital letters"))
+                    .at_element("element vertex"));
+            }
+            if !scalar.is_some_and(|p| matches!(p.data_type, PropertyType::Scalar(_))) {
                 return Err(Error::new(ErrorKind::Format, format!("there is no number property {axis}"))
                     .at_element("element vertex")
                     .advise("export the points as element vertex with properties x, y, z"));

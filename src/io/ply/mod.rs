@@ -28,6 +28,9 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         check_faces(&header)?;
     }
     let mut loaded = Loaded { notices: notices(&header, want), ..Loaded::default() };
+    if want != Want::Mesh {
+        loaded.ignore_faces(header.element("face").map_or(0, |e| e.count as u64));
+    }
     let body = &bytes[header.body..];
     match header.encoding {
         Encoding::Ascii => text::read(&header, body, want, &mut loaded)?,
@@ -137,8 +140,8 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
     for e in &header.elements {
         match e.name.as_str() {
             "vertex" => {
-                let normals = want == Want::Cloud && has_normals(e);
-                let read = |k: &&str| ["x", "y", "z"].contains(k) || (normals && NORMAL.contains(k));
+                let normals = want != Want::Mesh && has_normals(e);
+                let read = |k: &&str| axis_of(k).is_some() || (normals && NORMAL.contains(k));
                 let extra: Vec<&str> = e.properties.keys().map(String::as_str).filter(|k| !read(k)).collect();
                 let more = if extra.len() > 8 { ", ..." } else { "" };
                 let names = extra[..extra.len().min(8)].join(", ");
@@ -149,11 +152,16 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
                 }
             }
             "face" if want == Want::Mesh || e.count == 0 => {}
-            "face" => notices.push(format!("ignored {} faces; their vertices are the points", e.count)),
+            "face" => {}
             name => notices.push(format!("ignored {} elements {name}", e.count)),
         }
     }
     notices
+}
+
+/// The axis that a property holds the coordinate of; some programs write capitals.
+fn axis_of(name: &str) -> Option<usize> {
+    ["x", "y", "z"].iter().position(|axis| name.eq_ignore_ascii_case(axis))
 }
 
 /// Whether vertices have a normal, as three numbers.
@@ -375,7 +383,8 @@ mod tests {
                 let mut bytes = Vec::new();
                 write(&mut bytes, &verts, Some(&faces), encoding).unwrap();
                 let loaded = read(&bytes, Want::Mesh).unwrap();
-                prop_assert_eq!(bits(&loaded.verts), bits(&verts));
+                let read = super::super::to_floats(&loaded.verts, "vertex").unwrap();
+                prop_assert_eq!(bits(&read), bits(&verts));
                 prop_assert_eq!(&loaded.faces, &faces);
                 let ply = Parser::<DefaultElement>::new().read_ply(&mut bytes.as_slice()).unwrap();
                 let twin: Vec<[f32; 3]> = ply.payload["vertex"]

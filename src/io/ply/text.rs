@@ -5,7 +5,7 @@ use ply_rs::ply::{ElementDef, PropertyType};
 use super::super::text::{Lines, float, integer, not_a_number, show, words};
 use super::super::{Loaded, NORMAL, Want, check_point, push_fan};
 use super::header::Header;
-use super::{CORNERS, cut_short, has_normals, wanted};
+use super::{CORNERS, axis_of, cut_short, has_normals, wanted};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -16,7 +16,7 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
         if !wanted(&header.elements[at..], want) {
             break;
         }
-        let normals = want == Want::Cloud && has_normals(def);
+        let normals = want != Want::Mesh && has_normals(def);
         match def.name.as_str() {
             "vertex" => {
                 loaded.verts.reserve_exact(def.count);
@@ -34,7 +34,7 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
             match def.name.as_str() {
                 "vertex" => {
                     let (point, normal) = vertex_of(line, def).map_err(located)?;
-                    check_point(point, "vertex", i).map_err(|e| e.at_line(number))?;
+                    check_point(point, want, "vertex", i).map_err(|e| e.at_line(number))?;
                     loaded.verts.push(point);
                     if normals {
                         loaded.normals.push(normal);
@@ -52,13 +52,13 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
 }
 
 /// Position and normal from the line of a vertex. A word that is no number makes the normal NaN: nobody may want it.
-fn vertex_of(line: &[u8], def: &ElementDef) -> Result<([f32; 3], [f32; 3]), Error> {
+fn vertex_of(line: &[u8], def: &ElementDef) -> Result<([f64; 3], [f32; 3]), Error> {
     let (mut point, mut normal) = ([0.0; 3], [0.0; 3]);
     each_property(line, def, |name, values| {
-        if let Some(axis) = ["x", "y", "z"].iter().position(|a| *a == name) {
+        if let Some(axis) = axis_of(name) {
             point[axis] = float(values[0]).ok_or_else(|| not_a_number(values[0]))?;
         } else if let Some(axis) = NORMAL.iter().position(|a| *a == name) {
-            normal[axis] = values.first().and_then(|v| float(v)).unwrap_or(f32::NAN);
+            normal[axis] = values.first().and_then(|v| float(v)).map_or(f32::NAN, |n| n as f32);
         }
         Ok(())
     })?;

@@ -1,0 +1,184 @@
+//! LAS, the format of laser scans from the air, versions 1.0 to 1.4, and LAZ, the same packed.
+
+use super::{Loaded, Want, check_point};
+use crate::{Error, ErrorKind};
+
+#[cfg(feature = "formats")]
+mod laz;
+
+/// Least bytes of a record, by its format.
+const LEAST: [u64; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+
+/// Whether the bytes begin like a LAS file.
+pub(super) fn looks_like_las(bytes: &[u8]) -> bool {
+    bytes.starts_with(b"LASF")
+}
+
+/// What the header says of the points.
+struct Header {
+    packed: bool,
+    record: usize,
+    count: u64,
+    start: usize,
+    scale: [f64; 3],
+    offset: [f64; 3],
+}
+
+fn number(bytes: &[u8], at: usize, size: usize) -> Option<u64> {
+    let part = bytes.get(at..at.checked_add(size)?)?;
+    Some(part.iter().rev().fold(0, |all, b| all << 8 | u64::from(*b)))
+}
+
+fn wrong(what: impl Into<String>) -> Error {
+    Error::new(ErrorKind::Format, what).advise("fetch the file again; if it is whole, export it again")
+}
+
+/// Reads n x 3 points, scaled and moved as the header says.
+pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
+    let header = Header::parse(bytes)?;
+    let mut loaded = Loaded::default();
+    if header.packed {
+        packed(bytes, &header, want, &mut loaded)?;
+    } else {
+        let body = &bytes[header.start..];
+        let needed = header.count.checked_mul(header.record as u64);
+        if needed.is_none_or(|n| n > body.len() as u64) {
+            return Err(wrong(format!(
+                "truncated: {} points of {} bytes promised, {} are there",
+                header.count,
+                header.record,
+                body.len() / header.record
+            )));
+        }
+        loaded.verts.reserve_exact(header.count as usize);
+        for row in body.chunks_exact(header.record).take(header.count as usize) {
+            header.push(row, want, &mut loaded)?;
+        }
+    }
+    Ok(loaded)
+}
+
+impl Header {
+    fn parse(bytes: &[u8]) -> Result<Header, Error> {
+        let short = || wrong(format!("truncated: the file ends in its header, at {} bytes", bytes.len()));
+        let field = |at: usize, size: usize| number(bytes, at, size).ok_or_else(short);
+        let minor = field(25, 1)?;
+        if !looks_like_las(bytes) || field(24, 1)? != 1 || minor > 4 {
+            return Err(wrong(format!("LAS version {}.{minor} is not known", field(24, 1)?)));
+        }
+        let (format, record) = (field(104, 1)?, field(105, 2)?);
+        // The two highest bits say that points are packed.
+        let (packed, format) = (format & 0xc0 != 0, format & 0x3f);
+        let least = LEAST.get(format as usize).copied();
+        let Some(least) = least else { return Err(wrong(format!("point format {format} is not known"))) };
+        if record < least {
+            return Err(wrong(format!("points of format {format} have {least} bytes or more, not {record}")));
+        }
+        let mut count = field(107, 4)?;
+        if minor >= 4 {
+            // The older count is 0, or the same.
+            count = field(247, 8)?.max(count);
+        }
+        let decimal = |at: usize| field(at, 8).map(f64::from_bits);
+        let scale = [decimal(131)?, decimal(139)?, decimal(147)?];
+        let offset = [decimal(155)?, decimal(163)?, decimal(171)?];
+        if scale.iter().any(|s| !s.is_finite() || *s == 0.0) || offset.iter().any(|o| !o.is_finite()) {
+            return Err(wrong("the scale or the offset of the coordinates is 0 or not finite"));
+        }
+        let start = field(96, 4)? as usize;
+        if start > bytes.len() {
+            return Err(wrong(format!(
+                "truncated: points begin at byte {start}, and the file has {}",
+                bytes.len()
+            )));
+        }
+        Ok(Header { packed, record: record as usize, count, start, scale, offset })
+    }
+
+    /// Adds the point of a record, whose first three numbers are its place in steps.
+    fn push(&self, row: &[u8], want: Want, loaded: &mut Loaded) -> Result<(), Error> {
+        let step = |axis: usize| {
+            let at = &row[4 * axis..];
+            f64::from(i32::from_le_bytes([at[0], at[1], at[2], at[3]]))
+        };
+        let point = [0, 1, 2].map(|axis| step(axis) * self.scale[axis] + self.offset[axis]);
+        check_point(point, want, "point", loaded.verts.len())?;
+        loaded.verts.push(point);
+        Ok(())
+    }
+}
+
+#[cfg(feature = "formats")]
+fn packed(bytes: &[u8], header: &Header, want: Want, loaded: &mut Loaded) -> Result<(), Error> {
+    laz::read(bytes, header, want, loaded)
+}
+
+#[cfg(not(feature = "formats"))]
+fn packed(_: &[u8], _: &Header, _: Want, _: &mut Loaded) -> Result<(), Error> {
+    Err(Error::new(ErrorKind::Format, "the points are packed (LAZ), which this build does not unpack")
+        .advise("unpack them to LAS, or build with the feature `formats`"))
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    pub const POINTS: [[f64; 3]; 3] = [[100.5, 200.25, -3.0], [101.0, 200.5, -2.75], [99.75, 201.0, -3.5]];
+
+    /// The records of the points in steps of 1/4 from 100, 200, 0; format 0.
+    pub fn records() -> Vec<u8> {
+        let offset = [100.0, 200.0, 0.0];
+        let steps =
+            |p: &[f64; 3]| [0, 1, 2].map(|a| (((p[a] - offset[a]) / 0.25) as i32).to_le_bytes()).concat();
+        POINTS.iter().flat_map(|p| [steps(p), vec![7; 8]].concat()).collect()
+    }
+
+    /// A header for them, with `extras` between it and the points.
+    pub fn header(minor: u8, format: u8, extras: &[u8], count: u64) -> Vec<u8> {
+        let size: u16 = if minor >= 4 { 375 } else { 227 };
+        let mut h = vec![0; size as usize];
+        let mut put = |at: usize, bytes: &[u8]| h[at..at + bytes.len()].copy_from_slice(bytes);
+        put(0, b"LASF");
+        put(24, &[1, minor]);
+        put(94, &size.to_le_bytes());
+        put(96, &(u32::from(size) + extras.len() as u32).to_le_bytes());
+        put(100, &u32::from(!extras.is_empty()).to_le_bytes());
+        put(104, &[format]);
+        put(105, &20_u16.to_le_bytes());
+        if minor >= 4 {
+            put(247, &count.to_le_bytes());
+        } else {
+            put(107, &(count as u32).to_le_bytes());
+        }
+        for axis in 0..3 {
+            put(131 + 8 * axis, &0.25_f64.to_le_bytes());
+            put(155 + 8 * axis, &[100_f64, 200.0, 0.0][axis].to_le_bytes());
+        }
+        h.extend(extras);
+        h
+    }
+
+    #[test]
+    fn points_are_scaled_and_moved() {
+        for minor in [0, 2, 4] {
+            let bytes = [header(minor, 0, &[], 3), records()].concat();
+            assert_eq!(read(&bytes, Want::Cloud).unwrap().verts, POINTS, "1.{minor}");
+            for end in 0..bytes.len() {
+                assert!(read(&bytes[..end], Want::Cloud).is_err(), "{end}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        let message = |bytes: Vec<u8>| read(&bytes, Want::Cloud).map(|l| l.verts).unwrap_err().to_string();
+        assert!(message(b"LASF\x00".to_vec()).contains("ends in its header, at 5 bytes"));
+        assert!(message(header(5, 0, &[], 0)).contains("version 1.5"));
+        assert!(message(header(2, 11, &[], 0)).contains("point format 11"));
+        assert!(message(header(2, 1, &[], 0)).contains("28 bytes or more, not 20"));
+        assert!(message(header(4, 0, &[], u64::MAX)).contains("promised, 0 are there"));
+        let mut flat = header(2, 0, &[], 0);
+        flat[131..139].fill(0);
+        assert!(message(flat).contains("scale"));
+    }
+}

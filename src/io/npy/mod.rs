@@ -1,0 +1,401 @@
+//! NPY, the file format of one NumPy array, versions 1 to 3.
+//!
+//! The array is n rows of 3 or more columns of real numbers in either byte order and either storage order; or 3 rows of
+//! n columns, an image of points (height, width, 3), or rows with named fields x, y and z.
+
+use super::doubt::Evidence;
+use super::options::{Columns, ReadOptions};
+use super::text::show;
+use super::{Loaded, Want, check_point};
+use crate::{Error, ErrorKind};
+
+mod header;
+
+use header::Header;
+
+pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Reads n x 3 points.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
+    let (header, data) = split(bytes)?;
+    let header = Header::parse(header)?;
+    let mut loaded = Loaded::default();
+    let layout = Layout::of(&header, options, &mut loaded)?;
+
+    let promised = header.shape.iter().try_fold(1_u64, |all, n| all.checked_mul(*n));
+    let needed = promised.and_then(|n| n.checked_mul(header.item as u64));
+    let Some(needed) = needed.filter(|&b| b <= data.len() as u64) else {
+        let sizes: Vec<String> = header.shape.iter().map(u64::to_string).collect();
+        return Err(Error::new(
+            ErrorKind::Format,
+            format!(
+                "truncated: {} numbers of {} bytes promised, {} bytes are there",
+                sizes.join(" x "),
+                header.item,
+                data.len()
+            ),
+        )
+        .advise("fetch the file again"));
+    };
+    // All sizes fit in memory from here on: there are at least 3 bytes for each point.
+    let doubted = layout.guessed && options.columns.is_none() && !options.assume;
+    let mut evidence = Evidence::default();
+    loaded.verts.reserve_exact(layout.points);
+    for i in 0..layout.points {
+        if doubted && evidence.wants_more() {
+            let all =
+                (0..layout.columns).map(|c| header.fields[0].read(&data[layout.at(i, c) * header.item..]));
+            evidence.add(all.map(|x| (x, x.fract() == 0.0)));
+        }
+        let mut point = [0.0; 3];
+        for (axis, value) in point.iter_mut().enumerate() {
+            let field = &header.fields[layout.field[axis]];
+            *value = field.read(&data[layout.at(i, layout.column[axis]) * header.item + field.offset..]);
+        }
+        check_point(point, want, "point", i)?;
+        loaded.verts.push(point);
+    }
+    if let Some(doubt) = doubted.then(|| evidence.doubt()).flatten() {
+        return Err(doubt.stop());
+    }
+
+    match layout.columns.saturating_sub(3) {
+        0 => {}
+        1 => loaded.notices.push("ignored 1 extra column".to_string()),
+        extra => loaded.notices.push(format!("ignored {extra} extra columns")),
+    }
+    let tail = data.len() as u64 - needed;
+    if tail > 0 {
+        loaded.notices.push(format!("ignored {tail} bytes behind the array"));
+    }
+    Ok(loaded)
+}
+
+/// Where the numbers of a point are.
+struct Layout {
+    points: usize,
+    columns: usize,
+    /// Items from a point to the next and from a column to the next; points of an image step twice.
+    point_step: usize,
+    column_step: usize,
+    /// Points in a row of an image in storage order, and the step to the next row: 0 where one step is enough.
+    width: usize,
+    row_step: usize,
+    column: [usize; 3],
+    field: [usize; 3],
+    /// The columns have no names and were not given.
+    guessed: bool,
+}
+
+impl Layout {
+    fn at(&self, point: usize, column: usize) -> usize {
+        let place = match self.width {
+            0 => point * self.point_step,
+            width => point / width * self.row_step + point % width * self.point_step,
+        };
+        place + column * self.column_step
+    }
+
+    fn of(header: &Header, options: &ReadOptions, loaded: &mut Loaded) -> Result<Layout, Error> {
+        let wrong = || {
+            let sizes: Vec<String> = header.shape.iter().map(u64::to_string).collect();
+            Error::new(
+                ErrorKind::Format,
+                format!("the shape is ({}), not n rows of 3 or more columns", sizes.join(", ")),
+            )
+            .at_element("NPY header")
+            .advise("save an array of shape (n, 3), for example points.reshape(-1, 3)")
+        };
+        let size = |n: u64| usize::try_from(n).map_err(|_| wrong());
+        let mut sizes = Vec::new();
+        for n in &header.shape {
+            sizes.push(size(*n)?);
+        }
+        let total = sizes.iter().try_fold(1_usize, |all, n| all.checked_mul(*n)).unwrap_or(usize::MAX);
+        let mut layout = Layout {
+            points: total,
+            columns: 1,
+            point_step: 1,
+            column_step: 1,
+            width: 0,
+            row_step: 0,
+            column: [0; 3],
+            field: [0, 1, 2],
+            guessed: false,
+        };
+        if header.fields.len() > 1 || header.fields[0].name.is_some() {
+            // Rows with named fields; their order in memory does not matter.
+            layout.field = named(header, options)?;
+            let unused = header.fields.len().saturating_sub(3);
+            if unused > 0 {
+                loaded.notices.push(format!("ignored {unused} extra fields"));
+            }
+            return Ok(layout);
+        }
+        layout.field = [0; 3];
+        layout.guessed = true;
+        // Items from one index to the next, along each axis.
+        let mut steps = vec![1_usize; sizes.len()];
+        let order: Vec<usize> =
+            if header.fortran { (0..sizes.len()).collect() } else { (0..sizes.len()).rev().collect() };
+        let mut step = 1_usize;
+        for axis in order {
+            steps[axis] = step;
+            step = step.saturating_mul(sizes[axis]);
+        }
+        match sizes[..] {
+            // Three rows are no cloud, so many columns are points; up to 16 columns of many rows are columns.
+            [rows, columns]
+                if columns >= 3
+                    && !(rows < columns && (3..=16).contains(&rows) && columns > 16)
+                    && !(rows == 3 && columns > 3) =>
+            {
+                (layout.points, layout.columns) = (rows, columns);
+                (layout.point_step, layout.column_step) = (steps[0], steps[1]);
+            }
+            [rows, columns] if rows >= 3 && columns >= 3 => {
+                loaded.notices.push(format!("the array was read as {columns} points in columns of {rows}"));
+                (layout.points, layout.columns) = (columns, rows);
+                (layout.point_step, layout.column_step) = (steps[1], steps[0]);
+            }
+            [height, width, columns] if columns == 3 || (columns <= 16 && columns > 3 && height != 3) => {
+                loaded.notices.push(format!("the array was read as an image of {height} x {width} points"));
+                (layout.points, layout.columns) = (height.saturating_mul(width), columns);
+                (layout.width, layout.row_step) = (width, steps[0]);
+                (layout.point_step, layout.column_step) = (steps[1], steps[2]);
+            }
+            [columns @ 3..=16, height, width] => {
+                loaded.notices.push(format!("the array was read as an image of {height} x {width} points"));
+                (layout.points, layout.columns) = (height.saturating_mul(width), columns);
+                (layout.width, layout.row_step) = (width, steps[1]);
+                (layout.point_step, layout.column_step) = (steps[2], steps[0]);
+            }
+            _ => return Err(wrong()),
+        }
+        layout.column = match &options.columns {
+            None => [0, 1, 2],
+            Some(Columns::Numbers(numbers)) if numbers.iter().all(|n| *n <= layout.columns) => {
+                numbers.map(|n| n - 1)
+            }
+            Some(_) => {
+                return Err(Error::new(
+                    ErrorKind::Format,
+                    format!("the array has {} columns without names", layout.columns),
+                )
+                .advise("give numbers of columns, as in --columns 1,2,3"));
+            }
+        };
+        Ok(layout)
+    }
+}
+
+/// The fields x, y and z, or those that the user named.
+fn named(header: &Header, options: &ReadOptions) -> Result<[usize; 3], Error> {
+    let names: Vec<&str> = header.fields.iter().map(|f| f.name.as_deref().unwrap_or_default()).collect();
+    let wanted = match &options.columns {
+        None => ["x", "y", "z"].map(String::from),
+        Some(Columns::Names(names)) => names.clone(),
+        Some(Columns::Numbers(numbers)) if numbers.iter().all(|n| *n <= names.len()) => {
+            return Ok(numbers.map(|n| n - 1));
+        }
+        Some(Columns::Numbers(_)) => [String::new(), String::new(), String::new()],
+    };
+    let mut places = [0; 3];
+    for (place, name) in places.iter_mut().zip(&wanted) {
+        *place = names.iter().position(|n| n.eq_ignore_ascii_case(name)).ok_or_else(|| {
+            let list: Vec<String> = names.iter().take(8).map(|n| show(n.as_bytes())).collect();
+            Error::new(ErrorKind::Format, format!("there is no field {name:?}, only {}", list.join(", ")))
+                .at_element("NPY header")
+                .advise("name those of x, y and z, as in --columns px,py,pz")
+        })?;
+    }
+    Ok(places)
+}
+
+/// Cuts a file into the text of its header and the array's bytes.
+fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Error> {
+    let short = || {
+        Error::new(
+            ErrorKind::Format,
+            format!("truncated: the file ends in its header, at {} bytes", bytes.len()),
+        )
+        .advise("fetch the file again")
+    };
+    if !bytes.starts_with(MAGIC) {
+        return Err(Error::new(ErrorKind::Format, "the file does not begin with the mark of an NPY file")
+            .advise("write it with numpy.save(path, points)"));
+    }
+    let version = *bytes.get(6).ok_or_else(short)?;
+    let (length, start) = match version {
+        1 => {
+            let b = bytes.get(8..10).ok_or_else(short)?;
+            (u64::from(u16::from_le_bytes([b[0], b[1]])), 10)
+        }
+        2 | 3 => {
+            let b = bytes.get(8..12).ok_or_else(short)?;
+            (u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])), 12)
+        }
+        other => return Err(bad_header(format!("version {other} is unknown"))),
+    };
+    if length > (bytes.len() - start) as u64 {
+        return Err(short());
+    }
+    let (header, data) = bytes[start..].split_at(length as usize);
+    let header = std::str::from_utf8(header).map_err(|_| bad_header("the header is not text".to_string()))?;
+    Ok((header, data))
+}
+
+fn bad_header(what: String) -> Error {
+    Error::new(ErrorKind::Format, what)
+        .at_element("NPY header")
+        .advise("write it with numpy.save(path, points)")
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// An NPY file with `header` as its dictionary.
+    pub fn file(version: u8, header: &str, data: &[u8]) -> Vec<u8> {
+        let mut bytes = MAGIC.to_vec();
+        bytes.extend([version, 0]);
+        let text = format!("{header}\n");
+        match version {
+            1 => bytes.extend((text.len() as u16).to_le_bytes()),
+            _ => bytes.extend((text.len() as u32).to_le_bytes()),
+        }
+        bytes.extend(text.as_bytes());
+        bytes.extend(data);
+        bytes
+    }
+
+    /// The points as an NPY file of little-endian `f32`, row by row.
+    pub fn write(points: &[[f32; 3]]) -> Vec<u8> {
+        let header = format!("{{'descr': '<f4', 'fortran_order': False, 'shape': ({}, 3), }}", points.len());
+        let data: Vec<u8> = points.as_flattened().iter().flat_map(|x| x.to_le_bytes()).collect();
+        file(1, &header, &data)
+    }
+
+    fn array(descr: &str, fortran: bool, shape: &str, data: &[u8]) -> Vec<u8> {
+        let order = if fortran { "True" } else { "False" };
+        file(2, &format!("{{'shape': {shape}, \"fortran_order\": {order}, 'descr': '{descr}'}}"), data)
+    }
+
+    fn plain(bytes: &[u8]) -> Result<Loaded, Error> {
+        read(bytes, &ReadOptions::default(), Want::Cloud)
+    }
+
+    fn message(bytes: &[u8]) -> String {
+        read(bytes, &ReadOptions::default(), Want::Cloud).map(|l| l.verts).unwrap_err().to_string()
+    }
+
+    #[test]
+    fn reads_every_type_byte_order_and_storage_order() {
+        let rows = [[1.0, -2.0, 3.0, 9.0], [4.0, 5.0, -6.0, 9.0]];
+        let columns: Vec<f64> = (0..4).flat_map(|c| rows.map(|r: [f64; 4]| r[c])).collect();
+        for (fortran, values) in [(false, rows.as_flattened().to_vec()), (true, columns)] {
+            let flat = |f: &dyn Fn(f64) -> Vec<u8>| values.iter().flat_map(|&x| f(x)).collect::<Vec<u8>>();
+            let cases = [
+                ("<f4", flat(&|x| (x as f32).to_le_bytes().to_vec())),
+                (">f4", flat(&|x| (x as f32).to_be_bytes().to_vec())),
+                ("<f8", flat(&|x| x.to_le_bytes().to_vec())),
+                (">f8", flat(&|x| x.to_be_bytes().to_vec())),
+                ("|i1", flat(&|x| (x as i8).to_le_bytes().to_vec())),
+                (">i2", flat(&|x| (x as i16).to_be_bytes().to_vec())),
+                ("<i4", flat(&|x| (x as i32).to_le_bytes().to_vec())),
+                (">i4", flat(&|x| (x as i32).to_be_bytes().to_vec())),
+                ("<i8", flat(&|x| (x as i64).to_le_bytes().to_vec())),
+                (">i8", flat(&|x| (x as i64).to_be_bytes().to_vec())),
+            ];
+            for (descr, data) in cases {
+                let loaded = plain(&array(descr, fortran, "(2, 4)", &data)).unwrap();
+                assert_eq!(loaded.verts, [[1.0, -2.0, 3.0], [4.0, 5.0, -6.0]], "{descr} {fortran}");
+                assert_eq!(loaded.notices, ["ignored 1 extra column"]);
+            }
+        }
+        let loaded = plain(&array("|u1", false, "(1, 3)", &[1, 200, 255])).unwrap();
+        assert_eq!(loaded.verts, [[1.0, 200.0, 255.0]]);
+        let loaded = plain(&array("|u1", false, "(1, 3)", &[1, 2, 3, 4])).unwrap();
+        assert_eq!(loaded.notices, ["ignored 1 bytes behind the array"]);
+        assert_eq!(plain(&write(&[[0.5, 1.5, 2.5]])).unwrap().verts, [[0.5, 1.5, 2.5]]);
+    }
+
+    #[test]
+    fn shapes_of_every_kind_give_the_same_points() {
+        let points: Vec<[f64; 3]> =
+            (0..20).map(|i| [f64::from(i) + 0.5, f64::from(i * i % 7) - 0.25, -f64::from(i % 3)]).collect();
+        let n = points.len();
+        let by = |order: &dyn Fn(usize) -> (usize, usize)| {
+            (0..3 * n).map(order).flat_map(|(i, c)| points[i][c].to_le_bytes()).collect::<Vec<u8>>()
+        };
+        let rows = by(&|k| (k / 3, k % 3));
+        let columns = by(&|k| (k % n, k / n));
+        // Fortran order of (5, 4, 3): the first index runs fastest.
+        let image = by(&|k| (k % 5 * 4 + k / 5 % 4, k / n));
+        let cases = [
+            ("(20, 3)", false, &rows),
+            ("(20, 3)", true, &columns),
+            ("(3, 20)", false, &columns),
+            ("(3, 20)", true, &rows),
+            ("(5, 4, 3)", false, &rows),
+            ("(1, 20, 3)", false, &rows),
+            ("(5, 4, 3)", true, &image),
+            ("(3, 5, 4)", false, &columns),
+        ];
+        for (shape, fortran, data) in cases {
+            let loaded =
+                plain(&array("<f8", fortran, shape, data)).unwrap_or_else(|e| panic!("{shape}: {e}"));
+            assert_eq!(loaded.verts, points, "{shape} {fortran}");
+        }
+        let halves: Vec<u8> = [0x3c00_u16, 0xc000, 0x3800].iter().flat_map(|h| h.to_be_bytes()).collect();
+        assert_eq!(plain(&array(">f2", false, "(1, 3)", &halves)).unwrap().verts, [[1.0, -2.0, 0.5]]);
+        let header = "{'descr': [('z', '<f4'), ('i', '|u1'), ('x', '>f4'), ('y', '<f8')], 'fortran_order': False, \
+                      'shape': (1,)}";
+        let row = [&3_f32.to_le_bytes()[..], &[9], &1_f32.to_be_bytes(), &2_f64.to_le_bytes()].concat();
+        let loaded = plain(&file(1, header, &row)).unwrap();
+        assert_eq!(
+            (loaded.verts, loaded.notices[0].as_str()),
+            (vec![[1.0, 2.0, 3.0]], "ignored 1 extra fields")
+        );
+    }
+
+    #[test]
+    fn point_numbers_are_doubted_and_columns_can_be_given() {
+        let data: Vec<u8> = (0..40_u16)
+            .flat_map(|i| [f64::from(i / 4), f64::from(i) * 0.37, 0.5, 1.5][usize::from(i % 4)].to_le_bytes())
+            .collect();
+        let bytes = array("<f8", false, "(10, 4)", &data);
+        assert!(message(&bytes).contains("--columns 2,3,4"));
+        let options = ReadOptions { columns: Some(Columns::Numbers([2, 3, 4])), ..Default::default() };
+        assert_eq!(read(&bytes, &options, Want::Cloud).unwrap().verts[1], [0.37 * 5.0, 0.5, 1.5]);
+        let options = ReadOptions { assume: true, ..Default::default() };
+        assert_eq!(read(&bytes, &options, Want::Cloud).unwrap().verts[1][0], 1.0);
+    }
+
+    #[test]
+    fn errors_say_what_to_save_instead() {
+        assert!(message(b"PK\x03\x04").contains("mark of an NPY file"));
+        assert!(message(b"\x93NUMPY\x01\x00\xff").contains("ends in its header, at 9 bytes"));
+        assert!(message(&file(9, "{}", &[])).contains("version 9"));
+        assert!(message(&file(1, "{}", &[])).contains("descr is missing"));
+        assert!(message(&array("<c8", false, "(1, 3)", &[])).contains("\"<c8\" are not supported"));
+        assert!(message(&file(1, "{'descr': {'x': 1}}", &[])).contains("neither one plain type"));
+        assert!(message(&array("<f4", false, "(3,)", &[])).contains("the shape is (3)"));
+        assert!(message(&array("<f4", false, "(9, 2)", &[])).contains("reshape(-1, 3)"));
+        assert!(message(&array("<f4", false, "(2, 3, 2)", &[])).contains("the shape is (2, 3, 2)"));
+        assert!(
+            message(&array("<f4", false, "(2, 3)", &[0; 20]))
+                .contains("2 x 3 numbers of 4 bytes promised, 20 bytes are there")
+        );
+        // The product overflows 64 bits; nothing may be reserved for it.
+        let huge = array("<f8", false, "(18446744073709551615, 18446744073709551615)", &[0; 24]);
+        assert!(message(&huge).contains("truncated"));
+        let nan: Vec<u8> = [0.0, f32::NAN, 0.0].iter().flat_map(|x| x.to_le_bytes()).collect();
+        let strict = read(&array("<f4", false, "(1, 3)", &nan), &ReadOptions::default(), Want::EveryRow);
+        assert!(strict.map(|l| l.verts).unwrap_err().to_string().contains("point 0: y is NaN"));
+        let fields = "{'descr': [('x', '<f4'), ('y', '<f4')], 'fortran_order': False, 'shape': (2,)}";
+        assert!(message(&file(1, fields, &[0; 16])).contains("no field \"z\", only \"x\", \"y\""));
+        let wide: Vec<u8> = [0.0, 1e200, 0.0].iter().flat_map(|x: &f64| x.to_le_bytes()).collect();
+        assert!(message(&array("<f8", false, "(1, 3)", &wide)).contains("not a finite 32-bit number"));
+    }
+}

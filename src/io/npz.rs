@@ -1,0 +1,124 @@
+//! NPZ, an archive of NumPy arrays: the one that holds points is read.
+
+use super::options::ReadOptions;
+use super::{Loaded, Want, npy, zip};
+use crate::{Error, ErrorKind};
+
+/// Names that arrays of points go by, the likeliest first.
+const NAMES: [&str; 16] = [
+    "points",
+    "xyz",
+    "pos",
+    "positions",
+    "coords",
+    "coord",
+    "pc",
+    "pcl",
+    "cloud",
+    "pointcloud",
+    "point_cloud",
+    "vertices",
+    "verts",
+    "pts",
+    "data",
+    "arr_0",
+];
+
+/// Reads n x 3 points and, if there is an array of them, their normals.
+pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
+    let entries = zip::entries(bytes)?;
+    let arrays: Vec<(&str, &zip::Entry<'_>)> =
+        entries.iter().filter_map(|e| Some((e.name.strip_suffix(".npy")?, e))).collect();
+    if arrays.is_empty() {
+        return Err(zip::what(&entries));
+    }
+    let known = |name: &str| arrays.iter().find(|(n, _)| n.eq_ignore_ascii_case(name));
+    let chosen = match arrays[..] {
+        [one] => one,
+        _ => *NAMES.iter().find_map(|n| known(n)).ok_or_else(|| {
+            let names: Vec<&str> = arrays.iter().take(8).map(|(n, _)| *n).collect();
+            Error::new(
+                ErrorKind::Format,
+                format!("it is not certain which array holds the points: {}", names.join(", ")),
+            )
+            .advise("save the one of the points alone, with numpy.save(path, points)")
+        })?,
+    };
+    let (name, entry) = chosen;
+    let mut loaded =
+        npy::read(&entry.bytes()?, options, want).map_err(|e| e.at_element(format!("array {name}")))?;
+    if arrays.len() > 1 {
+        loaded.notices.push(format!("read the array {name} of {}", arrays.len()));
+    }
+    if let Some((_, entry)) = known("normals").filter(|(n, _)| *n != name)
+        && want != Want::Mesh
+        && let Ok(normals) =
+            npy::read(&entry.bytes()?, &ReadOptions { assume: true, ..ReadOptions::default() }, want)
+        && normals.verts.len() == loaded.verts.len()
+    {
+        loaded.normals = normals.verts.iter().map(|n| n.map(|x| x as f32)).collect();
+    }
+    if known("occupancies").is_some() || known("sdf").is_some() {
+        loaded.warnings.push(
+            "the archive has values inside and outside: its points may fill a volume instead of lying on a surface"
+                .into(),
+        );
+    }
+    Ok(loaded)
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    /// An archive of files, not packed.
+    pub fn archive(files: &[(&str, Vec<u8>)]) -> Vec<u8> {
+        let (mut out, mut directory) = (Vec::new(), Vec::new());
+        for (name, bytes) in files {
+            let sizes =
+                [&[0; 4][..], &(bytes.len() as u32).to_le_bytes(), &(bytes.len() as u32).to_le_bytes()];
+            let sizes = [sizes.concat(), (name.len() as u16).to_le_bytes().to_vec(), vec![0; 2]].concat();
+            let local = (out.len() as u32).to_le_bytes();
+            out.extend([&b"PK\x03\x04\x14\0\0\0\0\0\0\0\0\0"[..], &sizes, name.as_bytes(), bytes].concat());
+            let head = [&b"PK\x01\x02\x14\0\x14\0\0\0\0\0\0\0\0\0"[..], &sizes, &[0; 10], &local].concat();
+            directory.extend([&head[..], name.as_bytes()].concat());
+        }
+        let (count, at) = ((files.len() as u16).to_le_bytes(), (out.len() as u32).to_le_bytes());
+        let size = (directory.len() as u32).to_le_bytes();
+        out.extend(directory);
+        out.extend([&b"PK\x05\x06\0\0\0\0"[..], &count, &count, &size, &at, &[0; 2]].concat());
+        out
+    }
+
+    fn plain(bytes: &[u8]) -> Result<Loaded, Error> {
+        read(bytes, &ReadOptions::default(), Want::Cloud)
+    }
+
+    #[test]
+    fn the_array_of_points_is_read() {
+        let points = npy::tests::write(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]]);
+        let normals = npy::tests::write(&[[0.0, 0.0, 1.0], [0.0, 1.0, 0.0]]);
+        let one = plain(&archive(&[("anything.npy", points.clone())])).unwrap();
+        assert_eq!((one.verts, one.notices.len()), (vec![[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]], 0));
+        let loaded =
+            plain(&archive(&[("normals.npy", normals.clone()), ("points.npy", points.clone())])).unwrap();
+        assert_eq!((loaded.verts[1], loaded.normals[1]), ([4.0, 5.0, 6.5], [0.0, 1.0, 0.0]));
+        assert_eq!(loaded.notices, ["read the array points of 2"]);
+        let e = plain(&archive(&[("pos.a.npy", points.clone()), ("neg.npy", normals)])).map(|l| l.verts);
+        assert!(e.unwrap_err().to_string().contains("which array holds the points: pos.a, neg"));
+        let filled = plain(&archive(&[("points.npy", points), ("occupancies.npy", vec![])])).unwrap();
+        assert!(filled.warnings[0].contains("fill a volume"));
+        for (name, what) in [("xl/workbook.xml", "Excel"), ("doc.kml", "KMZ"), ("a.txt", "a zip archive")] {
+            let e = plain(&archive(&[(name, vec![1])])).map(|l| l.verts).unwrap_err().to_string();
+            assert!(e.contains(what), "{e}");
+        }
+    }
+
+    #[test]
+    fn every_truncation_is_refused() {
+        let bytes = archive(&[("points.npy", npy::tests::write(&[[1.0, 2.0, 3.0]; 4]))]);
+        for end in 0..bytes.len() {
+            assert!(plain(&bytes[..end]).is_err(), "{end}");
+        }
+    }
+}

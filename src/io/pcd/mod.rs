@@ -1,0 +1,448 @@
+//! PCD, the format of the Point Cloud Library: text, binary, and binary packed with LZF.
+
+use super::text::{Lines, float, integer, not_a_number, show, words};
+use super::{Loaded, Want, check_point};
+use crate::{Error, ErrorKind};
+
+mod lzf;
+
+/// Names of a normal's components.
+const NORMAL: [[&str; 2]; 3] = [["normal_x", "nx"], ["normal_y", "ny"], ["normal_z", "nz"]];
+const MAX_HEADER: usize = 1 << 20;
+
+/// Whether the bytes begin with the header of a PCD file.
+pub(super) fn looks_like_pcd(bytes: &[u8]) -> bool {
+    let start = &bytes[..bytes.len().min(4096)];
+    let mut lines = Lines::new(start).map(|(_, l)| l.trim_ascii());
+    let first = lines.find(|l| !l.is_empty() && !l.starts_with(b"#"));
+    first.is_some_and(|l| {
+        let mut parts = words(l);
+        match parts.next() {
+            Some(b"VERSION") => parts.next().and_then(float).is_some() && parts.next().is_none(),
+            Some(b"FIELDS" | b"COLUMNS") => parts.next().is_some(),
+            _ => false,
+        }
+    })
+}
+
+/// A column, or several of one name.
+struct Field {
+    name: String,
+    size: usize,
+    kind: u8,
+    count: usize,
+    /// Where it begins in a row: in bytes and in words.
+    offset: usize,
+    word: usize,
+}
+
+impl Field {
+    fn number(&self, bytes: &[u8]) -> f64 {
+        let mut word = [0; 8];
+        word[..self.size].copy_from_slice(&bytes[..self.size]);
+        let bits = u64::from_le_bytes(word);
+        let unused = 64 - 8 * self.size as u32;
+        match (self.kind, self.size) {
+            (b'F', 4) => f64::from(f32::from_bits(bits as u32)),
+            (b'F', _) => f64::from_bits(bits),
+            (b'I', _) => ((bits << unused) as i64 >> unused) as f64,
+            _ => bits as f64,
+        }
+    }
+}
+
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Data {
+    Ascii,
+    Binary,
+    Packed,
+}
+
+struct Header {
+    fields: Vec<Field>,
+    points: u64,
+    /// The points as rows and columns of an image, where they are no mere list.
+    organised: bool,
+    viewpoint: Option<Vec<f64>>,
+    data: Data,
+    body: usize,
+    lines: u64,
+    row: usize,
+}
+
+/// Reads n x 3 points and, if there are any, their normals.
+pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
+    let header = Header::parse(bytes)?;
+    let mut loaded = Loaded::default();
+    let place =
+        |name: &str| header.fields.iter().position(|f| f.name.eq_ignore_ascii_case(name) && f.count == 1);
+    let mut point = [0; 3];
+    for (at, axis) in point.iter_mut().zip(["x", "y", "z"]) {
+        *at = place(axis).ok_or_else(|| {
+            let names: Vec<&str> = header.fields.iter().take(8).map(|f| f.name.as_str()).collect();
+            wrong(format!("there is no field {axis}, only {}", names.join(", ")))
+        })?;
+    }
+    let normal = match NORMAL.map(|names| names.iter().find_map(|n| place(n))) {
+        [Some(a), Some(b), Some(c)] => Some([a, b, c]),
+        _ => None,
+    };
+    let body = &bytes[header.body..];
+    match header.data {
+        Data::Ascii => text(&header, body, point, normal, want, &mut loaded)?,
+        Data::Binary => binary(&header, body, point, normal, want, &mut loaded)?,
+        Data::Packed => {
+            let columns = header.unpack(body)?;
+            packed(&header, &columns, point, normal, want, &mut loaded)?;
+        }
+    }
+    let read = if normal.is_some() { 6 } else { 3 };
+    let extra = header.fields.iter().filter(|f| f.name != "_").count() - read;
+    if extra > 0 {
+        loaded.notices.push(format!("ignored {extra} extra fields"));
+    }
+    if header.viewpoint.is_some_and(|v| v != [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) {
+        loaded.notices.push("the viewpoint was not applied; the points are as the file has them".into());
+    }
+    if header.organised {
+        loaded.notices.push("the points are rows and columns of an image".into());
+    }
+    Ok(loaded)
+}
+
+impl Header {
+    fn parse(bytes: &[u8]) -> Result<Header, Error> {
+        let mut names: Vec<String> = Vec::new();
+        let (mut sizes, mut kinds, mut counts): (Vec<usize>, Vec<u8>, Vec<usize>) = Default::default();
+        let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
+        let mut at = 0;
+        let mut number = 0;
+        loop {
+            // Binary data may begin with half a line ending, so lines end at the line feed alone.
+            let rest = &bytes[at.min(bytes.len())..];
+            let Some(length) = rest.iter().take(MAX_HEADER).position(|&b| b == b'\n') else {
+                return Err(wrong("truncated: the header ends without a line DATA").at_line(number + 1));
+            };
+            let line = rest[..length].trim_ascii();
+            (at, number) = (at + length + 1, number + 1);
+            if at > MAX_HEADER {
+                return Err(wrong("the header is longer than 1 MiB").at_line(number));
+            }
+            let mut parts = words(line);
+            let Some(keyword) = parts.next() else { continue };
+            if keyword.starts_with(b"#") {
+                continue;
+            }
+            let parts: Vec<&[u8]> = parts.collect();
+            let here = |e: Error| e.at_line(number);
+            let whole = |word: &[u8]| {
+                integer(word)
+                    .and_then(|n| u64::try_from(n).ok())
+                    .ok_or_else(|| here(wrong(format!("{} is not a count", show(word)))))
+            };
+            let one = || parts.first().copied().unwrap_or_default();
+            match keyword {
+                b"VERSION" => {}
+                b"FIELDS" | b"COLUMNS" => {
+                    names = parts.iter().map(|p| String::from_utf8_lossy(p).into_owned()).collect();
+                }
+                b"SIZE" => {
+                    for word in &parts {
+                        let size = whole(word)?;
+                        if ![1, 2, 4, 8].contains(&size) {
+                            return Err(here(wrong(format!("numbers of {size} bytes are not known"))));
+                        }
+                        sizes.push(size as usize);
+                    }
+                }
+                b"TYPE" => kinds = parts.iter().map(|p| p.first().copied().unwrap_or(b'?')).collect(),
+                b"COUNT" => {
+                    for word in &parts {
+                        let count = whole(word)?;
+                        if count == 0 || count > 1 << 16 {
+                            return Err(here(wrong(format!("a field of {count} numbers is not possible"))));
+                        }
+                        counts.push(count as usize);
+                    }
+                }
+                b"WIDTH" => width = Some(whole(one())?),
+                b"HEIGHT" => height = Some(whole(one())?),
+                b"POINTS" => points = Some(whole(one())?),
+                b"VIEWPOINT" => viewpoint = parts.iter().map(|p| float(p)).collect::<Option<Vec<f64>>>(),
+                b"DATA" => {
+                    let data = match one() {
+                        w if w.eq_ignore_ascii_case(b"ascii") => Data::Ascii,
+                        w if w.eq_ignore_ascii_case(b"binary") => Data::Binary,
+                        w if w.eq_ignore_ascii_case(b"binary_compressed") => Data::Packed,
+                        w => return Err(here(wrong(format!("unknown data {}", show(w))))),
+                    };
+                    let area = width.and_then(|w| w.checked_mul(height.unwrap_or(1)));
+                    let Some(count) = points.or(area) else {
+                        return Err(here(wrong("neither POINTS nor WIDTH says how many points there are")));
+                    };
+                    if area.is_some_and(|area| area != count) {
+                        return Err(here(wrong(format!(
+                            "POINTS is {count}, but WIDTH times HEIGHT is {}",
+                            area.unwrap_or(0)
+                        ))));
+                    }
+                    counts.resize(if counts.is_empty() { names.len() } else { counts.len() }, 1);
+                    let all = names.len();
+                    if all == 0 || [sizes.len(), kinds.len(), counts.len()].iter().any(|n| *n != all) {
+                        return Err(here(wrong("FIELDS, SIZE, TYPE and COUNT have not the same length")));
+                    }
+                    let (mut offset, mut word, mut fields) = (0, 0, Vec::new());
+                    for (i, name) in names.into_iter().enumerate() {
+                        let (size, kind, count) = (sizes[i], kinds[i].to_ascii_uppercase(), counts[i]);
+                        if !matches!((kind, size), (b'F', 4 | 8) | (b'I' | b'U', _)) && name != "_" {
+                            return Err(here(wrong(format!(
+                                "field {name} has the type {} of {size} bytes",
+                                char::from(kind)
+                            ))));
+                        }
+                        fields.push(Field { name, size, kind, count, offset, word });
+                        offset += size * count;
+                        word += count;
+                    }
+                    let organised = height.is_some_and(|h| h > 1) && width.is_some_and(|w| w > 1);
+                    let (body, lines, row) = (at, number, offset);
+                    return Ok(Header {
+                        fields,
+                        points: count,
+                        organised,
+                        viewpoint,
+                        data,
+                        body,
+                        lines,
+                        row,
+                    });
+                }
+                other => return Err(here(wrong(format!("{} is not a PCD header line", show(other))))),
+            }
+        }
+    }
+
+    /// The number of points, if as many rows are there.
+    fn rows(&self, bytes: usize) -> Result<usize, Error> {
+        let needed = self.points.checked_mul(self.row as u64);
+        match needed.filter(|n| *n <= bytes as u64) {
+            Some(_) => Ok(self.points as usize),
+            None => Err(Error::new(
+                ErrorKind::Format,
+                format!(
+                    "truncated: {} points of {} bytes promised, {bytes} bytes are there",
+                    self.points, self.row
+                ),
+            )
+            .advise("fetch the file again")),
+        }
+    }
+
+    /// The columns of a packed file, one behind the other.
+    fn unpack(&self, body: &[u8]) -> Result<Vec<u8>, Error> {
+        let size =
+            |at: usize| body.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+        let (Some(packed), Some(plain)) = (size(0), size(4)) else {
+            return Err(wrong("truncated: the sizes of the packed data are missing"));
+        };
+        let Some(bytes) = body.get(8..).and_then(|b| b.get(..packed)) else {
+            return Err(wrong(format!(
+                "truncated: {packed} packed bytes promised, {} are there",
+                body.len().saturating_sub(8)
+            )));
+        };
+        let rows = self.rows(plain)?;
+        let columns = if packed == 0 && plain == 0 { Some(Vec::new()) } else { lzf::unpack(bytes, plain) };
+        let columns = columns.ok_or_else(|| wrong("the packed data are damaged"))?;
+        debug_assert!(columns.len() >= rows * self.row);
+        Ok(columns)
+    }
+}
+
+fn wrong(what: impl Into<String>) -> Error {
+    Error::new(ErrorKind::Format, what).advise("the file is damaged or not PCD; export it again")
+}
+
+fn push(
+    loaded: &mut Loaded,
+    index: usize,
+    want: Want,
+    point: [f64; 3],
+    normal: Option<[f64; 3]>,
+) -> Result<(), Error> {
+    check_point(point, want, "point", index)?;
+    loaded.verts.push(point);
+    if let Some(normal) = normal {
+        loaded.normals.push(normal.map(|x| x as f32));
+    }
+    Ok(())
+}
+
+fn text(
+    header: &Header,
+    body: &[u8],
+    point: [usize; 3],
+    normal: Option<[usize; 3]>,
+    want: Want,
+    loaded: &mut Loaded,
+) -> Result<(), Error> {
+    let mut found = 0;
+    for (number, line) in Lines::after(body, header.lines) {
+        if line.trim_ascii().is_empty() || line.trim_ascii().starts_with(b"#") {
+            continue;
+        }
+        let at = |e: Error| e.at_line(number).at_element(format!("point {found}"));
+        let parts: Vec<&[u8]> = words(line).collect();
+        let value = |field: usize| {
+            let word = parts.get(header.fields[field].word).copied().ok_or_else(|| {
+                let all: usize = header.fields.iter().map(|f| f.count).sum();
+                Error::new(ErrorKind::Format, format!("{all} numbers expected, {} found", parts.len()))
+                    .advise("complete the line or delete it")
+            })?;
+            float(word).ok_or_else(|| not_a_number(word))
+        };
+        let mut position = [0.0; 3];
+        for (to, field) in position.iter_mut().zip(point) {
+            *to = value(field).map_err(at)?;
+        }
+        let normal = normal.map(|n| n.map(|field| value(field).unwrap_or(f64::NAN)));
+        push(loaded, found, want, position, normal).map_err(|e| e.at_line(number))?;
+        found += 1;
+    }
+    if found as u64 != header.points {
+        let what = if (found as u64) < header.points { "the file may be cut short" } else { "all were read" };
+        loaded
+            .warnings
+            .push(format!("the header promises {} points, {found} are there; {what}", header.points));
+    }
+    Ok(())
+}
+
+fn binary(
+    header: &Header,
+    body: &[u8],
+    point: [usize; 3],
+    normal: Option<[usize; 3]>,
+    want: Want,
+    loaded: &mut Loaded,
+) -> Result<(), Error> {
+    let rows = header.rows(body.len())?;
+    loaded.verts.reserve_exact(rows);
+    for i in 0..rows {
+        let row = &body[i * header.row..];
+        let value = |field: usize| header.fields[field].number(&row[header.fields[field].offset..]);
+        push(loaded, i, want, point.map(value), normal.map(|n| n.map(value)))?;
+    }
+    let tail = body.len() - rows * header.row;
+    if tail > 0 {
+        loaded.notices.push(format!("ignored {tail} bytes behind the last point"));
+    }
+    Ok(())
+}
+
+fn packed(
+    header: &Header,
+    columns: &[u8],
+    point: [usize; 3],
+    normal: Option<[usize; 3]>,
+    want: Want,
+    loaded: &mut Loaded,
+) -> Result<(), Error> {
+    let rows = header.rows(columns.len())?;
+    loaded.verts.reserve_exact(rows);
+    for i in 0..rows {
+        let value = |field: usize| {
+            let field = &header.fields[field];
+            // All numbers of a field come before those of the next.
+            field.number(&columns[rows * field.offset + i * field.size * field.count..])
+        };
+        push(loaded, i, want, point.map(value), normal.map(|n| n.map(value)))?;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+pub(super) mod tests {
+    use super::*;
+
+    const POINTS: [[f64; 3]; 3] = [[1.0, 2.0, 3.0], [-4.5, 0.25, 6.0], [7.0, 8.0, -9.0]];
+
+    fn header(data: &str) -> String {
+        format!(
+            "# .PCD v0.7\nVERSION 0.7\nFIELDS normal_x x _ y rgb z normal_y normal_z\nSIZE 4 4 1 8 4 2 4 4\n\
+             TYPE F F U F U I F F\nCOUNT 1 1 3 1 1 1 1 1\nWIDTH 3\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3\n\
+             DATA {data}\n"
+        )
+    }
+
+    /// The bytes of each field of a point.
+    fn fields(p: [f64; 3]) -> [Vec<u8>; 8] {
+        [
+            0.6_f32.to_le_bytes().to_vec(),
+            (p[0] as f32).to_le_bytes().to_vec(),
+            vec![1, 2, 3],
+            p[1].to_le_bytes().to_vec(),
+            vec![9; 4],
+            (p[2] as i16).to_le_bytes().to_vec(),
+            0_f32.to_le_bytes().to_vec(),
+            0.8_f32.to_le_bytes().to_vec(),
+        ]
+    }
+
+    fn rows() -> Vec<u8> {
+        POINTS.iter().flat_map(|p| fields(*p).concat()).collect()
+    }
+
+    /// A packed file of the points.
+    pub fn sample() -> Vec<u8> {
+        let columns: Vec<u8> = (0..8).flat_map(|f| POINTS.map(|p| fields(p)[f].clone()).concat()).collect();
+        let packed = lzf::tests::pack(&columns);
+        let sizes = [packed.len() as u32, columns.len() as u32].map(u32::to_le_bytes).concat();
+        [header("binary_compressed").into_bytes(), sizes, packed].concat()
+    }
+
+    #[test]
+    fn reads_every_encoding() {
+        let text: String =
+            POINTS.iter().map(|p| format!("0.6 {} 1 2 3 {} 99 {} 0 0.8\n", p[0], p[1], p[2])).collect();
+        let files = [
+            (header("ascii") + &text).into_bytes(),
+            [header("binary").into_bytes(), rows()].concat(),
+            sample(),
+        ];
+        for bytes in files {
+            assert!(looks_like_pcd(&bytes));
+            let loaded = read(&bytes, Want::Cloud).unwrap();
+            assert_eq!(loaded.verts, POINTS);
+            assert_eq!(loaded.normals, [[0.6, 0.0, 0.8]; 3]);
+            assert_eq!(loaded.notices, ["ignored 1 extra fields"]);
+        }
+        let old = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nDATA ascii\n1 2 3\nnan 0 0\n";
+        let loaded = read(old, Want::Cloud).unwrap();
+        assert!(loaded.verts[0] == [1.0, 2.0, 3.0] && loaded.verts[1][0].is_nan());
+    }
+
+    #[test]
+    fn what_is_wrong_is_said() {
+        let ascii = header("ascii");
+        let loaded = read((ascii.clone() + "0 1 0 0 0 2 0 3 0 0\n").as_bytes(), Want::Cloud).unwrap();
+        assert_eq!(loaded.warnings, ["the header promises 3 points, 1 are there; the file may be cut short"]);
+        let binary = [header("binary").into_bytes(), rows()].concat();
+        let cases: [(Vec<u8>, &str); 8] = [
+            (binary[..binary.len() - 1].to_vec(), "3 points of 33 bytes promised, 98 bytes are there"),
+            (sample()[..sample().len() - 1].to_vec(), "packed bytes promised"),
+            (ascii.replace("DATA", "DATE").into_bytes(), "not a PCD header line"),
+            (ascii.replace("POINTS 3", "POINTS 4").into_bytes(), "WIDTH times HEIGHT is 3"),
+            (ascii.replace(" z ", " w ").into_bytes(), "no field z"),
+            (ascii.replace("SIZE 4", "SIZE 3").into_bytes(), "numbers of 3 bytes"),
+            (header("ascii").replace("COUNT 1", "COUNT").into_bytes(), "not the same length"),
+            ((ascii + "0 1 0 0 0 x 0 3 0 0\n").into_bytes(), "line 12: point 0: \"x\" is not a number"),
+        ];
+        for (bytes, message) in cases {
+            let e = read(&bytes, Want::Cloud).map(|l| l.verts).unwrap_err().to_string();
+            assert!(e.contains(message), "{e}");
+        }
+        let huge = header("binary").replace("WIDTH 3", "WIDTH 18446744073709551615");
+        assert!(read(huge.replace("POINTS 3\n", "").as_bytes(), Want::Cloud).is_err());
+    }
+}

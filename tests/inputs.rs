@@ -1,0 +1,192 @@
+//! The built program on files as other programs write them: read rightly, or refused with what to do.
+#![cfg(feature = "cli")]
+
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use bijective_sdf::geometry::Shape;
+use bijective_sdf::io::write_cloud;
+
+#[allow(dead_code)]
+mod common;
+use common::json::{Known, parse};
+use common::{Dir, err, fails, out, program, run, tiny};
+use serde_json::Value;
+
+/// 60 points on a torus.
+fn torus() -> Vec<[f32; 3]> {
+    Shape::Torus { major: 1.0, minor: 0.4 }.sample(60, 1).0
+}
+
+/// A file with a line for each point of the torus.
+fn file(dir: &Dir, name: &str, head: &str, row: impl Fn(usize, [f32; 3]) -> String) -> PathBuf {
+    let rows: String = torus().iter().enumerate().map(|(i, p)| row(i, *p) + "\n").collect();
+    dir.text(name, format!("{head}{rows}"))
+}
+
+/// What `info` says in JSON.
+#[track_caller]
+fn info(path: &Path, args: &[&str]) -> Value {
+    parse(&out(&run(program().arg("info").arg(path).args(["--json", "--quiet"]).args(args), 0)))
+}
+
+/// Checks that `info` finds the torus.
+#[track_caller]
+fn is_torus(json: &Value) {
+    assert_eq!(json.at("points").number(), 60.0, "{json}");
+    let bounds = json.at("bounds").as_array().unwrap().clone();
+    let points = torus();
+    for axis in 0..3 {
+        let low = points.iter().map(|p| p[axis]).fold(f32::MAX, f32::min);
+        let high = points.iter().map(|p| p[axis]).fold(f32::MIN, f32::max);
+        for (bound, wanted) in bounds.iter().zip([low, high]) {
+            assert!((bound[axis].number() - f64::from(wanted)).abs() < 1e-4, "{json}");
+        }
+    }
+}
+
+#[test]
+fn names_of_columns_are_followed_and_other_columns_can_be_given() {
+    let dir = Dir::new("columns");
+    let colmap =
+        file(&dir, "points3D.txt", "# one line a point:\n#   ID, X, Y, Z, R, TRACK[] as (A, B)\n", |i, p| {
+            format!("{} {} {} {} 7 {}", 900 - i, p[0], p[1], p[2], "1 2 ".repeat(i % 3))
+        });
+    is_torus(&info(&colmap, &[]));
+    let survey = file(&dir, "survey.csv", "Point,Northing,Easting,Elevation\n", |i, p| {
+        format!("{},{},{},{}", i + 1, p[1], p[0], p[2])
+    });
+    is_torus(&info(&survey, &[]));
+    let bare = file(&dir, "bare.txt", "", |i, p| format!("{},{},{},{},TREE", i + 1, p[1], p[0], p[2]));
+    fails(program().arg("info").arg(&bare), 3, &["bare.txt", "counts up by one from 1", "--columns 2,3,4"]);
+    is_torus(&info(&bare, &["--columns", "3,2,4"]));
+    fails(&mut tiny(&bare, &dir.path("mesh.ply")), 3, &["--columns"]);
+    let assumed = info(&bare, &["--assume"]);
+    assert_eq!(assumed.at("bounds")[1][0].number(), 60.0);
+    let odd = file(&dir, "odd.txt", "made by hand\n\n", |i, p| format!("{}:{}:{}:{i}", p[0], p[1], p[2]));
+    is_torus(&info(&odd, &["--delimiter", ":", "--skip", "1"]));
+    let named = file(&dir, "named.csv", "t,a,b,c\n", |i, p| format!("{i},{},{},{}", p[0], p[1], p[2]));
+    fails(program().arg("info").arg(&named), 3, &["\"t\", \"a\", \"b\", \"c\"", "--columns"]);
+    is_torus(&info(&named, &["--columns", "a,b,c"]));
+    let globe = dir.text("globe.csv", "lon,lat,alt\n13.4,52.5,30\n");
+    fails(program().arg("info").arg(&globe), 3, &["project the points"]);
+    for bad in [["--columns", "1,2"], ["--delimiter", "ab"], ["--raw", "f32x2"]] {
+        run(program().arg("info").arg(&bare).args(bad), 2);
+    }
+}
+
+#[test]
+fn raw_rows_of_another_length_are_doubted() {
+    let dir = Dir::new("raw");
+    let rows: Vec<u8> = torus()
+        .iter()
+        .enumerate()
+        .flat_map(|(i, p)| [p[0], p[1], p[2], (i * 37 % 60) as f32, (i % 32) as f32])
+        .flat_map(f32::to_le_bytes)
+        .collect();
+    let scan = dir.text("scan.bin", rows);
+    fails(program().arg("info").arg(&scan), 3, &["f32x5 (60 points)", "--raw f32x5"]);
+    is_torus(&info(&scan, &["--raw", "f32x5"]));
+    assert_eq!(info(&scan, &["--assume"]).at("points").number(), 75.0);
+}
+
+#[test]
+fn an_input_is_never_overwritten_however_it_is_named() {
+    let dir = Dir::new("over");
+    let cloud = dir.cloud();
+    let before = fs::read(&cloud).unwrap();
+    let mesh = dir.mesh("box.ply", true);
+    fs::create_dir(dir.path("sub")).unwrap();
+    fs::hard_link(&cloud, dir.path("hard.ply")).unwrap();
+    #[cfg(unix)]
+    std::os::unix::fs::symlink(&cloud, dir.path("soft.ply")).unwrap();
+    let names =
+        ["./cloud.ply", "sub/../cloud.ply", "hard.ply"].into_iter().chain(cfg!(unix).then_some("soft.ply"));
+    for name in names {
+        let mut command = tiny(Path::new("cloud.ply"), Path::new(name));
+        fails(command.current_dir(&dir.0), 2, &["--output", "overwrite the input"]);
+        let mut command = tiny(Path::new(name), Path::new("mesh.ply"));
+        command.args(["--checkpoint", "cloud.ply"]).current_dir(&dir.0);
+        fails(&mut command, 2, &["--checkpoint", "overwrite the input"]);
+    }
+    // Two results in one file, one of them not there yet.
+    let mut command = tiny(Path::new("cloud.ply"), Path::new("new.ply"));
+    command.args(["--surface-points", "./new.ply"]).current_dir(&dir.0);
+    fails(&mut command, 2, &["both"]);
+    fails(program().arg("sample").arg(&mesh).arg("-o").arg(dir.path("sub/../box.ply")), 2, &["overwrite"]);
+    assert!(fs::read(&cloud).unwrap() == before);
+}
+
+#[test]
+fn formats_are_told_by_content_and_others_are_named() {
+    let dir = Dir::new("formats");
+    let rows =
+        |end: &str| torus().iter().map(|p| format!("{} {} {}{end}\n", p[0], p[1], p[2])).collect::<String>();
+    let head =
+        "VERSION 0.7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nCOUNT 1 1 1\nWIDTH 60\nHEIGHT 1\nDATA ascii\n";
+    let pose = "0 0 0\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    let cases = [
+        ("a.xyz", format!("OFF\n60 0 0\n{}", rows(""))),
+        ("b.off", format!("COFF\n60 0 0\n{}", rows(" 255 0 0 255"))),
+        ("c.txt", format!("{head}{}", rows(""))),
+        ("d.pts", format!("60\n1\n{pose}{}", rows(" 0.5"))),
+        (
+            "e",
+            format!("# vtk DataFile Version 3.0\nt\nASCII\nDATASET POLYDATA\nPOINTS 60 float\n{}", rows("")),
+        ),
+    ];
+    for (name, text) in cases {
+        is_torus(&info(&dir.text(name, text), &[]));
+    }
+    let ply = dir.path("torus.ply");
+    write_cloud(&ply, &torus()).unwrap();
+    for name in ["f.stl", "g.xyz", "h.bin"] {
+        fs::copy(&ply, dir.path(name)).unwrap();
+        is_torus(&info(&dir.path(name), &[]));
+    }
+    for (name, bytes, part) in [
+        ("a.glb", &b"glTF\x02\0\0\0"[..], "a GLB model"),
+        ("b.dxf", b"  0\nSECTION\n  2\nHEADER\n", "a DXF drawing"),
+        ("c.rcp", b"\x01\x02\x03", "ReCap"),
+        ("d.xlsx", b"PK\x05\x06\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0\0", "zip archive"),
+    ] {
+        fails(program().arg("info").arg(dir.text(name, bytes)), 3, &[name, part, "; "]);
+    }
+    // A mesh as OFF, and back.
+    let off = dir.path("mesh.off");
+    run(&mut tiny(&ply, &off), 0);
+    assert_eq!(parse(&out(&run(program().arg("info").arg(&off).arg("--json"), 0))).at("kind").text(), "mesh");
+}
+
+#[test]
+fn what_is_left_out_is_told_even_when_quiet() {
+    let dir = Dir::new("left");
+    let fillers = file(&dir, "fillers.xyz", "", |i, p| match i % 10 {
+        0 => format!("{} {} -9999", p[0], p[1]),
+        1 => "nan nan nan".into(),
+        _ => format!("{} {} {}", p[0], p[1], p[2]),
+    });
+    let json = info(&fillers, &[]);
+    assert_eq!((json.at("points").number(), json.at("left_out").number()), (48.0, 12.0));
+    let warnings = json.at("warnings").as_array().unwrap().clone();
+    assert!(warnings[0].text().contains("left out 6 of 60 points: x, y or z is missing"));
+    assert!(warnings[1].text().contains("a coordinate is -9999"));
+    let output = run(tiny(&fillers, &dir.path("mesh.ply")).args(["--quiet", "--json"]), 0);
+    let lines: Vec<String> = err(&output).lines().map(String::from).collect();
+    assert!(
+        lines.len() == 2 && lines.iter().all(|l| l.starts_with("warning: left out 6 of 60")),
+        "{lines:?}"
+    );
+    let json = parse(&out(&output));
+    assert_eq!((json.at("points").number(), json.at("left_out").number()), (48.0, 12.0));
+    assert_eq!(json.at("warnings").as_array().unwrap().len(), 2);
+    assert_eq!(json.at("notices").as_array().unwrap().len(), 0);
+    // A distance is printed for every row, so none may be left out.
+    let (cloud, field) = (dir.path("good.ply"), dir.path("field"));
+    write_cloud(&cloud, &torus()).unwrap();
+    run(tiny(&cloud, &dir.path("mesh.ply")).arg("--save-field").arg(&field), 0);
+    fails(program().arg("sdf").arg(&field).arg(&fillers), 3, &["point 1", "not a finite"]);
+    let far = dir.text("far.xyz", "0 0 0\n0 0 0\n0 0 0\n0.5 0.25 -9999\n");
+    assert_eq!(out(&run(program().arg("sdf").arg(&field).arg(&far), 0)).lines().count(), 4);
+    assert!(fs::metadata(&field).is_ok());
+}
