@@ -27,6 +27,10 @@ pub fn list_presets() -> Result<(), Failure> {
     for preset in Preset::ALL {
         let config = Config::preset(preset);
         let stages = config.stages.iter().map(|s| format!("{} on {} cubes", s.steps, s.resolution));
+        if config.stages.is_empty() {
+            text += &format!("{:8} no training; the first shape, finished\n", preset.name());
+            continue;
+        }
         let steps = [Phase::Start, Phase::Pretrain].map(|phase| config.steps_in(phase));
         text += &format!(
             "{:8} field {} x {}; steps: {} for the first shape, {} for the parameterization alone, then {}\n",

@@ -1,9 +1,10 @@
 //! The last word of the points on a trained field.
 //!
 //! After the training the field misses the points by some hundredths of their spacing, and is bent between them as its
-//! network is, not as the points are. Two steps mend that, each where the points have something to say: what the field is
-//! off by at the points is taken out of it ([`Residual`](super::residual)), and the surface of least bending is blended
-//! in ([`PlateBlend`](super::plate_blend)). Neither is in the paper.
+//! network is, not as the points are. Two steps mend that, each where the points have something to say: what the field
+//! is off by at the points is taken out of it ([`Residual`](super::residual)), unless it is so far off that they are
+//! strays or a part that it has given up, and the surface of least bending is blended in
+//! ([`PlateBlend`](super::plate_blend)). Neither is in the paper.
 
 use super::plate_blend::PlateBlend;
 use super::residual::Residual;
@@ -30,8 +31,8 @@ impl Finish {
     /// The change for `points` (n x 3, distinct) and a field's `values` (n) and `gradients` (n x 3) there.
     ///
     /// # Errors
-    /// [`ErrorKind::Data`] if n is not in [`FINISHED_POINTS`], the points all lie in one place, or a value is not
-    /// finite.
+    /// [`ErrorKind::Data`] if n is not in [`FINISHED_POINTS`], the points all lie in one place, a value is not finite,
+    /// or none is within half a spacing of 0.
     ///
     /// # Panics
     /// If there is not one value and one gradient a point.

@@ -72,8 +72,9 @@ impl PlateBlend {
     /// Blends the plate into the `values` (m) of the field, signed distances at `x` (m x 3).
     ///
     /// The weight of the plate is the product of three: 1 near the points, 0 from 1.2 spacings on; 1 where both agree,
-    /// 0 where they differ by 0.35 spacings; and 0.025^2 / (0.025^2 + e^2), e the root mean square in spacings by which the
-    /// plate through the other points misses each of the points around. The result is continuous where the field is.
+    /// 0 where they differ by 0.35 spacings; and 0.025^2 / (0.025^2 + e^2), e the root mean square in spacings by which
+    /// the plate through the other points misses each of the points around. The result is continuous where the field
+    /// is.
     ///
     /// # Panics
     /// If there is not one value a point.

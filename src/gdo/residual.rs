@@ -9,13 +9,16 @@ use crate::error::{Error, ErrorKind};
 use crate::simd::kernel;
 use rayon::prelude::*;
 
-/// Distance in space at which two residuals have nothing in common, in mean spacings of the points.
+/// Distance in space at which two residuals have nothing in common, in median spacings of the points.
 const REACH: f64 = 6.0;
 /// The distance between unit normals (from 0 to 2) that counts as much as the whole reach in space: the two sides of a
 /// sheet have hardly anything in common.
 const TURN: f64 = 3.2;
 /// Variance of what is not smooth in the residuals, as a share of theirs.
 const NUGGET: f64 = 0.05;
+/// Points that the field is farther from are not missed by it but given up, strays or a part that was lost, in spacings
+/// of the points (the median): to bend the field to them would tear it.
+const GIVEN_UP: f64 = 0.5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 512;
 
@@ -29,25 +32,31 @@ pub(super) struct Residual {
 }
 
 impl Residual {
-    /// The function for `values` at `points` with unit `normals` (n each, n > 1; working frame): the mean of a Gaussian
-    /// process with the covariance (1 - r)^6 (6 r + 1) for r < 1, r^2 the sum of the squared distances of places, in 6
-    /// mean spacings, and of normals, in 3.2, and a share of 0.05 beside it that no two points have in common. The
-    /// function of compact support is Wendland's for up to six dimensions (1995, "Piecewise polynomial, positive definite
-    /// and compactly supported radial functions of minimal degree").
+    /// The function for `values` at `points` with unit `normals` (n each, working frame), of those whose value is at
+    /// most half the median spacing: the mean of a Gaussian process with the covariance (1 - r)^6 (6 r + 1) for r < 1,
+    /// r^2 the sum of the squared distances of places, in 6 median spacings, and of normals, in 3.2, and a share of
+    /// 0.05 beside it that no two points have in common. The function of compact support is Wendland's for up to six
+    /// dimensions (1995, "Piecewise polynomial, positive definite and compactly supported radial functions of minimal
+    /// degree").
     ///
     /// # Errors
-    /// [`ErrorKind::Data`] if the points all lie in one place.
+    /// [`ErrorKind::Data`] if the points all lie in one place, or all are given up.
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], values: &[f32]) -> Result<Self, Error> {
-        let n = points.len();
-        let mean = spacing(points).iter().sum::<f64>() / n as f64;
-        let [reach, turn] = [1.0 / (REACH * mean), 1.0 / TURN].map(|x| x as f32);
-        let undetermined = || Error::new(ErrorKind::Data, "the points are not apart");
-        if !reach.is_finite() {
+        let mut spacing = spacing(points);
+        let middle = spacing.len() / 2;
+        let unit = *spacing.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let kept: Vec<usize> =
+            (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= GIVEN_UP * unit).collect();
+        let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);
+        let undetermined =
+            || Error::new(ErrorKind::Data, "the points are not apart, or the field is far from all");
+        if !reach.is_finite() || kept.is_empty() {
             return Err(undetermined());
         }
+        let n = kept.len();
         let mut columns: [Vec<f32>; 7] = std::array::from_fn(|c| match c {
-            0..=2 => points.iter().map(|p| reach * p[c]).collect(),
-            3..=5 => normals.iter().map(|p| turn * p[c - 3]).collect(),
+            0..=2 => kept.iter().map(|&i| reach * points[i][c]).collect(),
+            3..=5 => kept.iter().map(|&i| turn * normals[i][c - 3]).collect(),
             _ => vec![0.0; n],
         });
         let square = |i: usize, j: usize| {
@@ -59,7 +68,7 @@ impl Residual {
                 *out = covariance(square(row, column)) + if row == column { NUGGET } else { 0.0 };
             }
         });
-        let values = values.iter().map(|&v| f64::from(v)).collect();
+        let values = kept.iter().map(|&i| f64::from(values[i])).collect();
         let weights = system.solve(values).ok_or_else(undetermined)?;
         columns[6] = weights.into_iter().map(|w| w as f32).collect();
         Ok(Residual { points: columns, scale: [reach, turn] })
@@ -136,10 +145,12 @@ mod tests {
         let (points, normals) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(90, 3);
         let values: Vec<f32> = points.iter().map(|p| 0.01 * (9.0 * p[0]).sin()).collect();
         let residual = Residual::fit(&points, &normals, &values).unwrap();
-        let mean = spacing(&points).iter().sum::<f64>() / 90.0;
+        let mut spacing = spacing(&points);
+        spacing.sort_by(f64::total_cmp);
+        let unit = spacing[45];
         let apart = |(a, n): (&[f32; 3], &[f32; 3]), (b, m): (&[f32; 3], &[f32; 3])| {
             let part = |x: f32, y: f32, unit: f64| ((f64::from(x) - f64::from(y)) / unit).powi(2);
-            (0..3).map(|k| part(a[k], b[k], 6.0 * mean) + part(n[k], m[k], 3.2)).sum::<f64>().sqrt()
+            (0..3).map(|k| part(a[k], b[k], 6.0 * unit) + part(n[k], m[k], 3.2)).sum::<f64>().sqrt()
         };
         let phi = |r: f64| if r < 1.0 { (1.0 - r).powi(6) * (6.0 * r + 1.0) } else { 0.0 };
         let each: Vec<_> = points.iter().zip(&normals).collect();
@@ -169,6 +180,16 @@ mod tests {
             &[[0.0, 0.0, 1.0], [0.0, 0.0, -1.0], [0.0, 0.0, 1.0]],
         );
         assert!((at[0] - 0.01).abs() < 1e-3 && at[1].abs() < 1e-3 && at[2] == 0.0, "{at:?}");
+        // A stray on the upper side, 0.3 away from where the field is 0, changes nothing.
+        let with = |mut points: Vec<[f32; 3]>, mut normals: Vec<[f32; 3]>, mut values: Vec<f32>| {
+            points.push([0.45, 0.45, 0.35]);
+            normals.push([0.0, 0.0, 1.0]);
+            values.push(0.3);
+            Residual::fit(&points, &normals, &values).unwrap()
+        };
+        let stray = with(points.clone(), normals.clone(), values.clone());
+        let near = stray.at(&[[0.45, 0.45, 0.02]], &[[0.0, 0.0, 1.0]])[0];
+        assert!((near - at[0]).abs() < 1e-5, "{near} {}", at[0]);
         assert!(Residual::fit(&points[..1].repeat(5), &normals[..5], &values[..5]).is_err());
     }
 }

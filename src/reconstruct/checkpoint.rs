@@ -338,8 +338,8 @@ mod tests {
     use super::*;
     use crate::bsp::Parameterization;
     use crate::gdo::Deformation;
-    use crate::reconstruct::Batch;
     use crate::reconstruct::ablations::with_charts;
+    use crate::reconstruct::{Batch, Finishing};
     use std::path::PathBuf;
 
     fn file(name: &str) -> PathBuf {
@@ -495,7 +495,8 @@ mod tests {
             RECONSTRUCTION.check(&store).map_err(|e| e.advice().unwrap().to_string())
         };
         assert_eq!(advice("reconstruction 2"), Ok(2));
-        assert!(advice("reconstruction 3").unwrap_err().contains("later version"));
+        assert_eq!(advice("reconstruction 3"), Ok(3));
+        assert!(advice("reconstruction 4").unwrap_err().contains("later version"));
         assert!(advice("reconstruction 1").unwrap_err().contains("early version"));
         for other in ["checkpoint 2", "reconstruction", ""] {
             assert!(advice(other).unwrap_err().contains("resume from checkpoints"), "{other}");
@@ -530,10 +531,40 @@ mod tests {
     }
 
     #[test]
+    fn a_damaged_shape_or_finish_is_refused() {
+        let path = file("shape");
+        let result = run(&ball(50), &Config { stages: Vec::new(), ..tiny() });
+        result.save(&path).unwrap();
+        let good = Store::read(&path).unwrap();
+        std::fs::remove_file(path).unwrap();
+        assert!(Reconstruction::from_store(&good).is_ok());
+        for (name, value) in [
+            (FOUND[0], f32::NAN),
+            (FOUND[1], -1.0),
+            (FOUND[1], 0.5),
+            (FOUND[1], 1e7),
+            (FINISH, f32::INFINITY),
+        ] {
+            let mut store = Store { values: good.values.clone(), tensors: good.tensors.clone() };
+            store.tensors.get_mut(name).unwrap().data_mut()[4] = value;
+            let error = Reconstruction::from_store(&store).unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::Checkpoint, "{value} in {name}");
+        }
+        let mut store = Store { values: good.values.clone(), tensors: good.tensors.clone() };
+        store.tensors.remove(FOUND[1]);
+        assert_eq!(Reconstruction::from_store(&store).unwrap_err().kind(), ErrorKind::Checkpoint);
+    }
+
+    #[test]
     fn a_loaded_result_is_the_one_that_was_saved() {
         let path = file("result");
-        for deformation in [Deformation::Projection, Deformation::Offset] {
-            let result = run(&ball(50), &Config { deformation, ..tiny() });
+        let offset = Config { deformation: Deformation::Offset, ..tiny() };
+        let bare = Config { finish: Finishing::None, ..tiny() };
+        let found = Config { stages: Vec::new(), ..tiny() };
+        for config in [tiny(), offset, bare, found] {
+            let result = run(&ball(50), &config);
+            assert_eq!(result.finish.is_some(), config.finish == Finishing::Points);
+            assert_eq!(matches!(result.shape, Shape::Found(_)), config.stages.is_empty());
             result.save(&path).unwrap();
             let loaded = Reconstruction::load(&path).unwrap();
             assert!(bits(&loaded) == bits(&result));

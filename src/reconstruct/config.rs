@@ -153,8 +153,8 @@ pub struct Config {
     pub deformation: Deformation,
     /// Weights of the loss terms.
     pub weights: Weights,
-    /// Resolutions and steps of the training, in order. With none, nothing is trained, and the result is the first shape
-    /// itself.
+    /// Resolutions and steps of the training, in order. With none, nothing is trained, and the result is the first
+    /// shape itself.
     pub stages: Vec<Stage>,
     /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another area they
     /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the spacing of
@@ -189,8 +189,8 @@ pub(super) const MOST_STEPS: usize = 10_000_000;
 pub(super) const MOST_DRAWN: usize = 10_000_000;
 
 impl Config {
-    /// The steps of a phase; none without `stages`. A sphere needs no start, and without a parameterization, or one that has nothing to learn,
-    /// there is none to pretrain.
+    /// The steps of a phase; none without `stages`. A sphere needs no start, and without a parameterization, or one
+    /// that has nothing to learn, there is none to pretrain.
     pub fn steps_in(&self, phase: Phase) -> usize {
         match phase {
             _ if self.stages.is_empty() => 0,

@@ -58,11 +58,20 @@ impl Shape {
         }
     }
 
+    /// Signed distances and their gradients at `points` (m x 3).
+    fn sdf_and_gradient(&self, points: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
+        match self {
+            Shape::Learned(field) => (field.sdf(points), field.gradient(points)),
+            Shape::Found(found) => points.par_iter().map(|&x| found.tree.signed_distance(x)).unzip(),
+        }
+    }
+
     /// What finishes the shape for `points` (n x 3), as far as `config` asks for it and they allow it.
     pub fn finished_for(&self, points: &[[f32; 3]], config: &Config) -> Option<Finish> {
         match config.finish {
             Finishing::Points if FINISHED_POINTS.contains(&points.len()) => {
-                Finish::fit(points, &self.sdf(points), &self.gradient(points)).ok()
+                let (sdf, gradient) = self.sdf_and_gradient(points);
+                Finish::fit(points, &sdf, &gradient).ok()
             }
             _ => None,
         }
@@ -83,10 +92,9 @@ const DIFFERENCE: f32 = 1e-3;
 impl Reconstruction {
     /// Signed distances in the working frame, finished.
     fn working_sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
-        let mut sdf = self.shape.sdf(points);
-        if let Some(finish) = &self.finish {
-            finish.apply(points, &mut sdf, &self.shape.gradient(points));
-        }
+        let Some(finish) = &self.finish else { return self.shape.sdf(points) };
+        let (mut sdf, gradient) = self.shape.sdf_and_gradient(points);
+        finish.apply(points, &mut sdf, &gradient);
         sdf
     }
 
@@ -165,8 +173,8 @@ impl Reconstruction {
     }
 }
 
-/// The zero level set of signed distances in the working frame, from a grid of `resolution` cubes a side searched near the
-/// `seeds` (n x 3) too, without parts below the share `min_part` of the largest part's area.
+/// The zero level set of signed distances in the working frame, from a grid of `resolution` cubes a side searched near
+/// the `seeds` (n x 3) too, without parts below the share `min_part` of the largest part's area.
 ///
 /// # Errors
 /// As [`Reconstruction::mesh`].
@@ -185,4 +193,73 @@ pub(super) fn zero_level_set(
         e
     })?;
     Ok(mesh.keep_large(min_part))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ball, quick, run, tiny};
+    use super::*;
+    use crate::reconstruct::{Preset, Trainer};
+
+    #[test]
+    fn a_finished_result_is_nearer_to_the_points_and_to_the_ball() {
+        let points = ball(120);
+        let off = |finish: Finishing| {
+            let result = run(&points, &Config { finish, ..quick() });
+            let mean =
+                |values: &[f32]| values.iter().map(|f| f.abs()).sum::<f32>() / (6.0 * values.len() as f32);
+            // Other samples of the ball of radius 3.
+            let between: Vec<[f32; 3]> = crate::geometry::Shape::Sphere { radius: 3.0 }
+                .sample(200, 8)
+                .0
+                .iter()
+                .map(|p| [p[0] + 10.0, p[1] - 4.0, p[2]])
+                .collect();
+            [mean(&result.sdf(&points)), mean(&result.sdf(&between))]
+        };
+        let (bare, finished) = (off(Finishing::None), off(Finishing::Points));
+        assert!(finished[0] < 0.2 * bare[0] && finished[1] < 0.5 * bare[1], "{finished:?} for {bare:?}");
+    }
+
+    #[test]
+    fn the_gradient_of_a_finished_result_is_that_of_its_distance() {
+        let points = ball(80);
+        let result = run(&points, &tiny());
+        assert!(result.finish.is_some());
+        let x: Vec<[f32; 3]> = points.iter().step_by(4).map(|p| [p[0] + 0.1, p[1], p[2] - 0.1]).collect();
+        let step = 0.02;
+        for (i, gradient) in result.gradient(&x).iter().enumerate() {
+            let mut slope = [0.0f32; 3];
+            for (k, slope) in slope.iter_mut().enumerate() {
+                let beside = |by: f32| {
+                    let mut x = x[i];
+                    x[k] += by;
+                    result.sdf(&[x])[0]
+                };
+                *slope = (beside(step) - beside(-step)) / (2.0 * step);
+            }
+            assert!((0..3).all(|k| (slope[k] - gradient[k]).abs() < 0.05), "{slope:?} {gradient:?}");
+            let radial = [x[i][0] - 10.0, x[i][1] + 4.0, x[i][2]];
+            assert!((0..3).map(|k| radial[k] * gradient[k]).sum::<f32>() > 0.0);
+        }
+    }
+
+    #[test]
+    fn start_gives_the_first_shape_without_a_step() {
+        let points = ball(100);
+        let config = Config::preset(Preset::Start);
+        let trainer = Trainer::new(&points, &config).unwrap();
+        assert!(trainer.is_done() && trainer.total_steps() == 0);
+        let result = trainer.finish();
+        assert!(result.surface_points().is_empty() && result.coverage().is_none());
+        let topology = result.mesh(48).unwrap().topology();
+        assert!(topology.closed && topology.genus == Some(0), "{topology}");
+        let volume = 4.0 / 3.0 * std::f64::consts::PI * 27.0;
+        assert!((topology.volume / volume - 1.0).abs() < 0.01, "{topology}");
+        assert!((result.sdf(&[[10.0, -4.0, 0.0]])[0] + 3.0).abs() < 0.1);
+        // A sphere is no shape that was found.
+        let sphere = Config::preset(Preset::Paper);
+        let error = Config { stages: Vec::new(), ..sphere }.validate().unwrap_err();
+        assert_eq!(error.element(), Some("option stages"));
+    }
 }

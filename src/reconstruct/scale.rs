@@ -91,7 +91,8 @@ mod tests {
             }
             let large = config.clone().for_points(120_610);
             large.validate().unwrap();
-            assert_ne!(large.stages, config.stages);
+            // One without stages has none to change.
+            assert!(large.stages != config.stages || config.stages.is_empty());
             assert_eq!(large.clone().for_points(120_610), large);
         }
     }

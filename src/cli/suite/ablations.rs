@@ -166,8 +166,9 @@ mod tests {
     }
 
     #[test]
-    fn every_ablation_is_a_valid_change_of_every_preset() {
-        for preset in Preset::ALL {
+    fn every_ablation_is_a_valid_change_of_every_preset_that_trains() {
+        // The preset `start` trains nothing that a part could be left out of.
+        for preset in Preset::ALL.into_iter().filter(|&preset| preset != Preset::Start) {
             let base = Config::preset(preset);
             for ablation in ABLATIONS {
                 let name = ablation.name;
