@@ -12,9 +12,9 @@ use super::thin_plate::MAX_CENTRES;
 use crate::error::{Error, ErrorKind};
 use std::ops::RangeInclusive;
 
-/// The sizes of clouds that fields are finished for. Fewer points foretell nothing; more cost too much, at n^3 to begin
-/// with and n for every place that is evaluated.
-pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=2048;
+/// The sizes of clouds that fields are finished for: fewer points foretell nothing, more take too much memory (about a
+/// kilobyte a point).
+pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 
 /// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
 ///

@@ -6,6 +6,7 @@
 use super::cholesky::Symmetric;
 use super::gauss::spacing;
 use crate::error::{Error, ErrorKind};
+use crate::geometry::KdTree;
 use crate::simd::kernel;
 use rayon::prelude::*;
 
@@ -19,6 +20,12 @@ const NUGGET: f64 = 0.05;
 /// Points that the field is farther from are not missed by it but given up, strays or a part that was lost, in spacings
 /// of the points (the median): to bend the field to them would tear it.
 const GIVEN_UP: f64 = 0.5;
+/// Points up to which the system is solved and summed as a whole; of more, each with those within the reach only.
+const WHOLE: usize = 2048;
+/// Rounds of conjugate gradients at most, and the length of the remainder, as a share of that of the values, at which
+/// they end.
+const ROUNDS: usize = 200;
+const REMAINDER: f64 = 1e-5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 512;
 
@@ -29,6 +36,8 @@ pub(super) struct Residual {
     points: [Vec<f32>; 7],
     /// 1 / the reach, and 1 / the turn.
     scale: [f32; 2],
+    /// The places, over the reach, of more than 2,048 points.
+    places: Option<Vec<[f32; 3]>>,
 }
 
 impl Residual {
@@ -59,34 +68,101 @@ impl Residual {
             3..=5 => kept.iter().map(|&i| turn * normals[i][c - 3]).collect(),
             _ => vec![0.0; n],
         });
-        let square = |i: usize, j: usize| {
-            let each = columns[..6].iter().map(|c| (f64::from(c[i]) - f64::from(c[j])).powi(2));
-            each.sum::<f64>()
+        let values: Vec<f64> = kept.iter().map(|&i| f64::from(values[i])).collect();
+        let places = (n > WHOLE).then(|| places(&columns));
+        let weights = match &places {
+            None => whole(&columns, values).ok_or_else(undetermined)?,
+            Some(places) => sparse(&columns, places, &values),
         };
-        let system = Symmetric::from_columns(n, |column, out| {
-            for (row, out) in out.iter_mut().enumerate().skip(column) {
-                *out = covariance(square(row, column)) + if row == column { NUGGET } else { 0.0 };
-            }
-        });
-        let values = kept.iter().map(|&i| f64::from(values[i])).collect();
-        let weights = system.solve(values).ok_or_else(undetermined)?;
         columns[6] = weights.into_iter().map(|w| w as f32).collect();
-        Ok(Residual { points: columns, scale: [reach, turn] })
+        Ok(Residual { points: columns, scale: [reach, turn], places })
     }
 
     /// The function at places x with unit normals (m x 3 each).
     pub fn at(&self, x: &[[f32; 3]], normals: &[[f32; 3]]) -> Vec<f32> {
         let mut out = vec![0.0; x.len()];
+        let tree = self.places.as_ref().map(|places| KdTree::new(places));
         let chunks = out.par_chunks_mut(CHUNK).zip(x.par_chunks(CHUNK)).zip(normals.par_chunks(CHUNK));
         chunks.for_each(|((out, x), normals)| {
             for ((out, x), n) in out.iter_mut().zip(x).zip(normals) {
                 let [reach, turn] = self.scale;
                 let at = [reach * x[0], reach * x[1], reach * x[2], turn * n[0], turn * n[1], turn * n[2]];
-                *out = sum_of_points(&self.points, at);
+                *out = match &tree {
+                    None => sum_of_points(&self.points, at),
+                    Some(tree) => self.sum_within(tree, at),
+                };
             }
         });
         out
     }
+}
+
+impl Residual {
+    /// The sum over the points within the reach of x, the nearest first.
+    fn sum_within(&self, tree: &KdTree, x: [f32; 6]) -> f32 {
+        let near = tree.within([x[0], x[1], x[2]], 1.0);
+        let one = |(i, apart): (u32, f32)| {
+            let i = i as usize;
+            let turned: f32 = (3..6).map(|k| (x[k] - self.points[k][i]).powi(2)).sum();
+            f64::from(self.points[6][i]) * covariance(f64::from(apart + turned))
+        };
+        near.into_iter().map(one).sum::<f64>() as f32
+    }
+}
+
+fn places(columns: &[Vec<f32>; 7]) -> Vec<[f32; 3]> {
+    (0..columns[0].len()).map(|i| [0, 1, 2].map(|k| columns[k][i])).collect()
+}
+
+/// The weights for the values, by the whole system; `None` if rounding has left it indefinite.
+fn whole(columns: &[Vec<f32>; 7], values: Vec<f64>) -> Option<Vec<f64>> {
+    let square = |i: usize, j: usize| {
+        columns[..6].iter().map(|c| (f64::from(c[i]) - f64::from(c[j])).powi(2)).sum::<f64>()
+    };
+    let system = Symmetric::from_columns(values.len(), |column, out| {
+        for (row, out) in out.iter_mut().enumerate().skip(column) {
+            *out = covariance(square(row, column)) + if row == column { NUGGET } else { 0.0 };
+        }
+    });
+    system.solve(values)
+}
+
+/// The same by conjugate gradients over the pairs that have something in common. The nugget keeps the condition of the
+/// system small. The same for any number of threads.
+fn sparse(columns: &[Vec<f32>; 7], places: &[[f32; 3]], values: &[f64]) -> Vec<f64> {
+    let tree = KdTree::new(places);
+    let row = |i: usize| -> Vec<(u32, f32)> {
+        let pair = |(j, apart): (u32, f32)| {
+            let turned: f32 = (3..6).map(|k| (columns[k][i] - columns[k][j as usize]).powi(2)).sum();
+            (j, covariance(f64::from(apart + turned)) as f32)
+        };
+        tree.within(places[i], 1.0).into_iter().map(pair).filter(|&(_, c)| c > 0.0).collect()
+    };
+    let rows: Vec<Vec<(u32, f32)>> = (0..places.len()).into_par_iter().map(row).collect();
+    let times = |x: &[f64]| -> Vec<f64> {
+        let one = |(row, &own): (&Vec<(u32, f32)>, &f64)| {
+            row.iter().map(|&(j, c)| f64::from(c) * x[j as usize]).sum::<f64>() + NUGGET * own
+        };
+        rows.par_iter().zip(x).map(one).collect()
+    };
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(a, b)| a * b).sum::<f64>();
+    let mut weights = vec![0.0; values.len()];
+    let mut rest = values.to_vec();
+    let mut along = rest.clone();
+    let mut square = dot(&rest, &rest);
+    let enough = REMAINDER * REMAINDER * square;
+    for _ in 0..ROUNDS {
+        if square <= enough {
+            break;
+        }
+        let image = times(&along);
+        let step = square / dot(&along, &image);
+        weights.iter_mut().zip(&along).for_each(|(w, a)| *w += step * a);
+        rest.iter_mut().zip(&image).for_each(|(r, i)| *r -= step * i);
+        let before = std::mem::replace(&mut square, dot(&rest, &rest));
+        along.iter_mut().zip(&rest).for_each(|(a, r)| *a = r + square / before * *a);
+    }
+    weights
 }
 
 /// Of two places whose squared distance is `square`.
@@ -164,6 +240,32 @@ mod tests {
             let want: f64 = (0..90).map(|i| weights[i] * phi(apart((x, n), each[i]))).sum();
             assert!((f64::from(got) - want).abs() < 1e-6, "{got} is not {want}");
         }
+    }
+
+    #[test]
+    fn by_pairs_within_the_reach_it_is_what_it_is_as_a_whole() {
+        let shape = Shape::RoundedBox { half: [0.5, 0.4, 0.03], round: 0.02 };
+        let (points, normals) = shape.sample(WHOLE + 200, 3);
+        let values: Vec<f32> = points.iter().map(|p| 0.004 * (9.0 * p[0] - 20.0 * p[1]).sin()).collect();
+        let by_pairs = Residual::fit(&points, &normals, &values).unwrap();
+        let places = by_pairs.places.clone().unwrap();
+        let values: Vec<f64> = values.iter().map(|&v| f64::from(v)).collect();
+        let weights = whole(&by_pairs.points, values.clone()).unwrap();
+        for (got, want) in sparse(&by_pairs.points, &places, &values).iter().zip(&weights) {
+            assert!((got - want).abs() < 1e-4 * 0.004 / NUGGET, "{got} is not {want}");
+        }
+        let as_whole = Residual { places: None, ..by_pairs.clone() };
+        let (x, turned) = shape.sample(300, 5);
+        for (got, want) in by_pairs.at(&x, &turned).iter().zip(as_whole.at(&x, &turned)) {
+            assert!((got - want).abs() < 1e-6, "{got} is not {want}");
+        }
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(3).build().unwrap();
+        let points = &by_pairs.points;
+        let one = rayon::ThreadPoolBuilder::new().num_threads(1).build().unwrap();
+        assert_eq!(
+            pool.install(|| sparse(points, &places, &values)),
+            one.install(|| sparse(points, &places, &values))
+        );
     }
 
     #[test]

@@ -42,7 +42,7 @@ pub enum Finishing {
     /// Nothing.
     None,
     /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
-    /// points foretell each other ([`Finish`](crate::gdo::Finish)); for clouds of 20 to 2,048 points, others are left
+    /// points foretell each other ([`Finish`](crate::gdo::Finish)); for clouds of 20 to a million points, others are left
     /// as they are.
     Points,
 }
