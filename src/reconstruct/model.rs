@@ -37,6 +37,8 @@ pub(super) enum Shape {
 /// A closed mesh as a signed distance.
 #[derive(Clone, Debug)]
 pub(super) struct FoundShape {
+    /// What is saved of it.
+    #[cfg(feature = "checkpoint")]
     pub mesh: TriangleMesh,
     tree: TriangleBvh,
 }
@@ -45,7 +47,11 @@ impl FoundShape {
     /// # Errors
     /// As [`TriangleBvh::new`] for an empty mesh.
     pub fn new(mesh: TriangleMesh) -> Result<Self, Error> {
-        Ok(FoundShape { tree: TriangleBvh::new(&mesh)?, mesh })
+        Ok(FoundShape {
+            tree: TriangleBvh::new(&mesh)?,
+            #[cfg(feature = "checkpoint")]
+            mesh,
+        })
     }
 }
 
