@@ -16,6 +16,9 @@ use std::ops::RangeInclusive;
 /// kilobyte a point).
 pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 
+/// Places beyond this, working frame, are no places of a neighbour search.
+const FAR: f32 = 1e6;
+
 /// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
 ///
 /// It depends on the points and on the field's values and gradients there, so it is made anew from them, not saved.
@@ -62,7 +65,8 @@ impl Finish {
     }
 
     /// Changes the `values` (m) of the field at `x` (m x 3), whose gradients there are `gradients` (m x 3). The result
-    /// is continuous where the field and the direction of its gradient are.
+    /// is continuous where the field and the direction of its gradient are. Places that are not finite or beyond 1e6
+    /// keep their values.
     ///
     /// # Panics
     /// If there is not one value and one gradient a place.
@@ -73,6 +77,15 @@ impl Finish {
             values.len() == m && gradients.len() == m,
             "Finish::apply: not one value and gradient a place"
         );
+        // Written so that NaN is left out.
+        let near: Vec<usize> = (0..m).filter(|&i| x[i].iter().all(|v| v.abs() < FAR)).collect();
+        if near.len() < m {
+            let of = |all: &[[f32; 3]]| near.iter().map(|&i| all[i]).collect::<Vec<_>>();
+            let mut part: Vec<f32> = near.iter().map(|&i| values[i]).collect();
+            self.apply(&of(x), &mut part, &of(gradients));
+            near.iter().zip(part).for_each(|(&i, value)| values[i] = value);
+            return;
+        }
         for (value, off) in values.iter_mut().zip(self.residual.at(x, &directions(gradients))) {
             *value -= off;
         }
@@ -157,6 +170,22 @@ mod tests {
         let mut after = before.clone();
         finish.apply(&x, &mut after, &gradients);
         assert!(before.iter().zip(&after).all(|(a, b)| (a - b).abs() < 1e-3));
+    }
+
+    #[test]
+    fn places_that_no_search_takes_keep_their_values() {
+        let shape = Shape::Sphere { radius: 0.45 };
+        let points = shape.sample(100, 3).0;
+        let (values, gradients) = wavy(shape, &points);
+        let finish = Finish::fit(&points, &values, &gradients).unwrap();
+        let x = [points[3], [f32::NAN, 0.0, 0.0], [1e12, 0.0, 0.0], points[7], [0.0, f32::INFINITY, 0.0]];
+        let mut mixed = [values[3], 5.0, 6.0, values[7], 7.0];
+        let slopes = [gradients[3], [0.0; 3], [1.0, 0.0, 0.0], gradients[7], [0.0; 3]];
+        finish.apply(&x, &mut mixed, &slopes);
+        let mut alone = [values[3], values[7]];
+        finish.apply(&[points[3], points[7]], &mut alone, &[gradients[3], gradients[7]]);
+        assert_eq!(mixed, [alone[0], 5.0, 6.0, alone[1], 7.0]);
+        assert!(mixed[0].abs() < values[3].abs());
     }
 
     #[test]

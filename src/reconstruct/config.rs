@@ -42,8 +42,8 @@ pub enum Finishing {
     /// Nothing.
     None,
     /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
-    /// points foretell each other ([`Finish`](crate::gdo::Finish)); for clouds of 20 to a million points, others are left
-    /// as they are.
+    /// points foretell each other ([`Finish`](crate::gdo::Finish)); for clouds of 20 to a million points, others are
+    /// left as they are.
     Points,
 }
 
