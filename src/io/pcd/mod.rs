@@ -90,10 +90,10 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let body = &bytes[header.body..];
     match header.data {
         Data::Ascii => text(&header, body, point, normal, want, &mut loaded)?,
-        Data::Binary => binary(&header, body, point, normal, want, &mut loaded)?,
+        Data::Binary => binary(&header, body, Layout::Rows, point, normal, want, &mut loaded)?,
         Data::Packed => {
             let columns = header.unpack(body)?;
-            packed(&header, &columns, point, normal, want, &mut loaded)?;
+            binary(&header, &columns, Layout::Columns, point, normal, want, &mut loaded)?;
         }
     }
     let read = if normal.is_some() { 6 } else { 3 };
@@ -318,9 +318,19 @@ fn text(
     Ok(())
 }
 
+/// Where the values of binary data lie.
+#[derive(Clone, Copy)]
+enum Layout {
+    /// All fields of a point together, point by point.
+    Rows,
+    /// All numbers of a field before those of the next.
+    Columns,
+}
+
 fn binary(
     header: &Header,
     body: &[u8],
+    layout: Layout,
     point: [usize; 3],
     normal: Option<[usize; 3]>,
     want: Want,
@@ -329,34 +339,18 @@ fn binary(
     let rows = header.rows(body.len())?;
     loaded.verts.reserve_exact(rows);
     for i in 0..rows {
-        let row = &body[i * header.row..];
-        let value = |field: usize| header.fields[field].number(&row[header.fields[field].offset..]);
+        let value = |field: usize| {
+            let field = &header.fields[field];
+            field.number(match layout {
+                Layout::Rows => &body[i * header.row + field.offset..],
+                Layout::Columns => &body[rows * field.offset + i * field.size * field.count..],
+            })
+        };
         push(loaded, i, want, point.map(value), normal.map(|n| n.map(value)))?;
     }
     let tail = body.len() - rows * header.row;
     if tail > 0 {
         loaded.notices.push(format!("ignored {tail} bytes behind the last point"));
-    }
-    Ok(())
-}
-
-fn packed(
-    header: &Header,
-    columns: &[u8],
-    point: [usize; 3],
-    normal: Option<[usize; 3]>,
-    want: Want,
-    loaded: &mut Loaded,
-) -> Result<(), Error> {
-    let rows = header.rows(columns.len())?;
-    loaded.verts.reserve_exact(rows);
-    for i in 0..rows {
-        let value = |field: usize| {
-            let field = &header.fields[field];
-            // All numbers of a field come before those of the next.
-            field.number(&columns[rows * field.offset + i * field.size * field.count..])
-        };
-        push(loaded, i, want, point.map(value), normal.map(|n| n.map(value)))?;
     }
     Ok(())
 }
