@@ -320,22 +320,27 @@ impl Field {
 
     /// grad g at points (n x 3, working frame), in parallel over fixed blocks.
     pub fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        let mut out = vec![[0.0; 3]; points.len()];
+        self.sdf_and_gradient(points).1
+    }
+
+    /// g (n) and grad g (n x 3) at points (n x 3, working frame), in parallel over fixed blocks.
+    pub fn sdf_and_gradient(&self, points: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
+        let (mut sdf, mut gradient) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
         let rows = self.block_rows();
         let task = rows * BLOCKS_PER_TASK;
         let mut weights = Weights::default();
         weights.fill(self);
         let network = Network { field: self, weights: &weights };
-        out.par_chunks_mut(task).zip(points.par_chunks(task)).for_each(|(out, points)| {
+        let tasks = sdf.par_chunks_mut(task).zip(gradient.par_chunks_mut(task)).zip(points.par_chunks(task));
+        tasks.for_each(|((sdf, gradient), points)| {
             let (mut block, mut scratch) = <(Block, Scratch)>::default();
-            let mut sdf = vec![0.0; rows];
-            for (out, points) in out.chunks_mut(rows).zip(points.chunks(rows)) {
-                let (sdf, gradient) = (&mut sdf[..points.len()], out.as_flattened_mut());
-                let mut values = Outputs { sdf, gradient, offset: None };
+            let parts = sdf.chunks_mut(rows).zip(gradient.chunks_mut(rows)).zip(points.chunks(rows));
+            for ((sdf, gradient), points) in parts {
+                let mut values = Outputs { sdf, gradient: gradient.as_flattened_mut(), offset: None };
                 block.forward(network, points, &mut scratch, Some(&mut values));
             }
         });
-        out
+        (sdf, gradient)
     }
 }
 

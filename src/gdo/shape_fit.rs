@@ -7,7 +7,6 @@ use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
-use rayon::prelude::*;
 
 /// Points in the pool that steps go through batch by batch.
 const POOL: usize = 20_480;
@@ -115,8 +114,7 @@ impl ShapeFit {
 
 impl Targets {
     fn at(points: &[[f32; 3]], tree: &TriangleBvh) -> Self {
-        let each: Vec<(f32, [f32; 3])> = points.par_iter().map(|&x| tree.signed_distance(x)).collect();
-        let (distances, normals) = each.into_iter().unzip();
+        let (distances, normals) = tree.signed_distances(points);
         Targets { distances, normals }
     }
 }

@@ -11,6 +11,9 @@ const LEAF: usize = 4;
 /// Queries answered by one task.
 const CHUNK: usize = 256;
 
+/// Boxes that wait to be opened, at most: one for each level of a tree that halves up to 2^32 triangles, and one more.
+const DEEPEST: usize = 34;
+
 /// The point of a mesh nearest to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct SurfaceHit {
@@ -106,29 +109,51 @@ impl TriangleBvh {
     /// If `q` is not finite.
     #[track_caller]
     pub fn nearest(&self, q: [f32; 3]) -> SurfaceHit {
+        self.nearest_with_guess(q, 0)
+    }
+
+    /// As [`nearest`](Self::nearest), and as quick as face `guess` (any face of the mesh) is near to `q`: no box farther
+    /// than that is opened. The result does not depend on the guess.
+    ///
+    /// # Panics
+    /// If `q` is not finite or the mesh has no such face.
+    #[track_caller]
+    pub(crate) fn nearest_with_guess(&self, q: [f32; 3], guess: u32) -> SurfaceHit {
         assert!(q.iter().all(|x| x.is_finite()), "TriangleBvh::nearest: query {q:?} is not finite");
         let q = q.map(f64::from);
         let mut best = (f64::INFINITY, u32::MAX, [0.0; 3]);
-        let mut stack = vec![(self.nodes[0].dist_sq(q), 0u32)];
-        while let Some((bound, at)) = stack.pop() {
+        let consider = |place: u32, best: &mut (f64, u32, [f64; 3])| {
+            let p = closest_on_triangle(q, self.corners[place as usize]);
+            let d = sub(q, p);
+            let found = (dot(d, d), self.face[place as usize], p);
+            if (found.0, found.1) < (best.0, best.1) {
+                *best = found;
+            }
+        };
+        consider(self.place[guess as usize], &mut best);
+        let mut stack = [(0.0, 0u32); DEEPEST];
+        stack[0] = (self.nodes[0].dist_sq(q), 0);
+        let mut waiting = 1;
+        while waiting > 0 {
+            waiting -= 1;
+            let (bound, at) = stack[waiting];
             // Equal bounds are opened too: they may hold an equally near face of smaller index.
             if bound > best.0 {
                 continue;
             }
-            let node = self.nodes[at as usize];
+            let node = &self.nodes[at as usize];
             if node.count > 0 {
-                for i in node.at..node.at + node.count {
-                    let p = closest_on_triangle(q, self.corners[i as usize]);
-                    let d = sub(q, p);
-                    let found = (dot(d, d), self.face[i as usize], p);
-                    if (found.0, found.1) < (best.0, best.1) {
-                        best = found;
-                    }
+                (node.at..node.at + node.count).for_each(|place| consider(place, &mut best));
+                continue;
+            }
+            let [a, b] = [at + 1, node.at].map(|c| (self.nodes[c as usize].dist_sq(q), c));
+            // The nearer child is put on top and opened first.
+            let (near, far) = if a.0 <= b.0 { (a, b) } else { (b, a) };
+            for child in [far, near] {
+                if child.0 <= best.0 {
+                    stack[waiting] = child;
+                    waiting += 1;
                 }
-            } else {
-                let [a, b] = [at + 1, node.at].map(|c| (self.nodes[c as usize].dist_sq(q), c));
-                // The nearer child is pushed last and opened first.
-                stack.extend(if a.0 <= b.0 { [b, a] } else { [a, b] });
             }
         }
         SurfaceHit { face: best.1, point: best.2.map(|x| x as f32), dist_sq: best.0 }
@@ -141,8 +166,11 @@ impl TriangleBvh {
     pub fn nearest_all(&self, queries: &[[f32; 3]]) -> Vec<SurfaceHit> {
         let mut out = vec![SurfaceHit { face: 0, point: [0.0; 3], dist_sq: 0.0 }; queries.len()];
         out.par_chunks_mut(CHUNK).zip(queries.par_chunks(CHUNK)).for_each(|(out, queries)| {
+            // Neighbours in the list are often neighbours in space.
+            let mut guess = 0;
             for (hit, &q) in out.iter_mut().zip(queries) {
-                *hit = self.nearest(q);
+                *hit = self.nearest_with_guess(q, guess);
+                guess = hit.face;
             }
         });
         out

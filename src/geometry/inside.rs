@@ -3,7 +3,8 @@
 //! The normal of the nearest face does not tell: where the nearest point is on an edge or a corner, one of the faces
 //! there may look the other way, and whole wedges beyond sharp edges come out on the wrong side.
 
-use super::TriangleBvh;
+use super::{SurfaceHit, TriangleBvh};
+use rayon::prelude::*;
 
 /// The rays' direction (x/z, y/z): no plane or line of a grid or of a CAD part is likely to lie along it.
 const SLOPE: [f64; 2] = [0.372_548_1, 0.618_742_7];
@@ -37,7 +38,16 @@ impl TriangleBvh {
     /// If `q` is not finite.
     #[track_caller]
     pub(crate) fn signed_distance(&self, q: [f32; 3]) -> (f32, [f32; 3]) {
-        let hit = self.nearest(q);
+        self.signed(q, self.nearest(q))
+    }
+
+    /// [`signed_distance`](Self::signed_distance) at each of `queries` (m x 3): m distances and m gradients.
+    pub(crate) fn signed_distances(&self, queries: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
+        let hits = self.nearest_all(queries);
+        queries.par_iter().zip(hits).map(|(&q, hit)| self.signed(q, hit)).unzip()
+    }
+
+    fn signed(&self, q: [f32; 3], hit: SurfaceHit) -> (f32, [f32; 3]) {
         let side = if self.winding(q) > 0 { -1.0 } else { 1.0 };
         let distance = side * hit.dist_sq.sqrt() as f32;
         if distance.abs() <= 1e-4 {

@@ -5,7 +5,6 @@ use crate::bsp::Coverage;
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{FINISHED_POINTS, Field, Finish};
 use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleBvh, TriangleMesh, extract};
-use rayon::prelude::*;
 
 /// A signed distance field, the parameterized surface and the cloud that both come from.
 ///
@@ -60,15 +59,15 @@ impl Shape {
     fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
         match self {
             Shape::Learned(field) => field.sdf(points),
-            Shape::Found(found) => points.par_iter().map(|&x| found.tree.signed_distance(x).0).collect(),
+            Shape::Found(found) => found.tree.signed_distances(points).0,
         }
     }
 
     /// Signed distances and their gradients at `points` (m x 3).
     fn sdf_and_gradient(&self, points: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
         match self {
-            Shape::Learned(field) => (field.sdf(points), field.gradient(points)),
-            Shape::Found(found) => points.par_iter().map(|&x| found.tree.signed_distance(x)).unzip(),
+            Shape::Learned(field) => field.sdf_and_gradient(points),
+            Shape::Found(found) => found.tree.signed_distances(points),
         }
     }
 
@@ -87,10 +86,14 @@ impl Shape {
     fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         match self {
             Shape::Learned(field) => field.gradient(points),
-            Shape::Found(found) => points.par_iter().map(|&x| found.tree.signed_distance(x).1).collect(),
+            Shape::Found(found) => found.tree.signed_distances(points).1,
         }
     }
 }
+
+/// Cubes along each side of the lattice that the surface is searched from: a part that is smaller than these cubes, near
+/// no point and joined to nothing that is may be missed, and is not wanted.
+const COARSE: usize = 16;
 
 /// Half the way between the two places that a derivative of the finished distance is taken from, working frame.
 const DIFFERENCE: f32 = 1e-3;
@@ -191,7 +194,7 @@ pub(super) fn zero_level_set(
     min_part: f64,
 ) -> Result<TriangleMesh, Error> {
     let grid = TetGrid::working_frame(resolution)?;
-    let options = NarrowBandOptions { seeds, ..Default::default() };
+    let options = NarrowBandOptions { coarse_resolution: COARSE, seeds, ..Default::default() };
     let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(sdf(x)), &options).map_err(|e| {
         if e.kind() == ErrorKind::NoSurface {
             return e.advise("raise the resolution, or train for more steps");
