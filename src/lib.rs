@@ -57,7 +57,6 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
-mod atomic;
 pub mod autodiff;
 pub mod bsp;
 mod error;
@@ -65,6 +64,7 @@ pub mod evaluate;
 pub mod gdo;
 pub mod geometry;
 pub mod io;
+pub mod linalg;
 pub mod loss;
 pub mod nn;
 pub mod ops;

@@ -7,9 +7,9 @@
 //! the Gauss Formula"). No normals, no iteration. The field starts from it where a sphere would have to find every
 //! limb and hole on its way.
 
-use super::cholesky::Symmetric;
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{KdTree, farthest_point_sample};
+use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
 

@@ -1,6 +1,5 @@
 //! Grid deformation optimization: the field, the move of the grid's vertices along it, and the differentiable surface.
 
-mod cholesky;
 mod crossing;
 mod deform;
 mod denoise;

@@ -3,10 +3,10 @@
 //! At a point of the cloud the field should be 0 and is g(q). These residuals are interpolated by a smooth function of
 //! place and normal, which is taken off. Between points, and where nothing was off, the field stays as it is.
 
-use super::cholesky::Symmetric;
 use super::gauss::spacing;
 use crate::error::{Error, ErrorKind};
 use crate::geometry::KdTree;
+use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
 

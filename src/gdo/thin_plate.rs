@@ -8,10 +8,9 @@
 //! an eigenvector, here the search starts from normals that are mostly right already, those of the parametric Gauss
 //! formula, and ends nearby.
 
-use super::cholesky::Symmetric;
 use crate::error::{Error, ErrorKind};
 use crate::geometry::farthest_point_sample;
-use crate::optim::{LbfgsOptions, lbfgs};
+use crate::linalg::{LbfgsOptions, Symmetric, lbfgs};
 use crate::simd::kernel;
 use nalgebra::{DMatrix, DMatrixView, DVector, Matrix4};
 use rayon::prelude::*;

@@ -32,6 +32,7 @@ use std::path::Path;
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
+mod atomic;
 mod doubt;
 mod e57;
 mod fillers;
@@ -55,7 +56,7 @@ mod vtk;
 mod write;
 mod zip;
 
-pub use crate::atomic::write_atomic;
+pub use atomic::write_atomic;
 pub use foreign::name_file;
 pub use format::Format;
 pub use options::{Columns, Raw, ReadOptions};

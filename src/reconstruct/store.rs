@@ -4,8 +4,8 @@
 //! the other lines and over names, shapes and bytes of all tensors. One entry only, because several would be written
 //! in a random order, and the same state is to give the same bytes.
 
-use crate::atomic::write_atomic;
 use crate::error::{Error, ErrorKind};
+use crate::io::write_atomic;
 use crate::tensor::Tensor;
 use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use std::collections::{BTreeMap, HashMap};

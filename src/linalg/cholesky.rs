@@ -11,7 +11,7 @@ use rayon::prelude::*;
 const BLOCK: usize = 128;
 
 /// The lower triangle of a symmetric n x n matrix, column by column; what is above it has no meaning.
-pub(super) struct Symmetric {
+pub(crate) struct Symmetric {
     n: usize,
     data: Vec<f64>,
 }
