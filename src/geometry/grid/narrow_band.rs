@@ -4,8 +4,9 @@
 //! and again, down to the fine grid. On each level the surface is followed through the faces it crosses, into cubes
 //! that nothing predicted, so what is found is always closed; the prediction only has to hit every component once.
 
-use super::level::Level;
-use super::{BandTopology, Isosurface, TetGrid, TriangleMesh, march};
+use super::lattice::Level;
+use super::{BandTopology, Isosurface, TetGrid, march};
+use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
 /// Samples a field: one value per position, in the same order, negative inside.

@@ -377,8 +377,8 @@ fn doubled_area([p, q, r]: [[f64; 3]; 3]) -> [f64; 3] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{TetGrid, interpolate, march};
     use super::*;
+    use crate::geometry::{TetGrid, interpolate, march};
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
 

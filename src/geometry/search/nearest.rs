@@ -6,7 +6,7 @@
 // A loop over lanes indexes several arrays at once; written with iterators and closures it was not vectorised.
 #![allow(clippy::needless_range_loop)]
 
-use super::knn::usable;
+use super::kd_tree::usable;
 use rayon::prelude::*;
 
 /// Points in a leaf, and queries that go down the tree together.
@@ -261,7 +261,7 @@ impl PointTree {
         let mut first = u32::MAX;
         for (p, &id) in leaf.id.iter().enumerate() {
             let at = [leaf.at[0][p], leaf.at[1][p], leaf.at[2][p]];
-            if super::point_dist_sq(&at, &q) == dist_sq {
+            if crate::geometry::point_dist_sq(&at, &q) == dist_sq {
                 first = first.min(id);
             }
         }
@@ -351,7 +351,7 @@ fn build(items: &mut [Item], nodes: &mut [Node], leaves: &mut [Leaf]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::knn::tests::{brute_ranked, clouds, queries_for};
+    use super::super::kd_tree::tests::{brute_ranked, clouds, queries_for};
     use super::*;
 
     #[test]

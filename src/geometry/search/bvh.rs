@@ -1,8 +1,8 @@
 //! Exact distance from points to a triangle mesh.
 
-use super::TriangleMesh;
-use super::sample::{cross, dot, sub};
 use crate::error::{Error, ErrorKind};
+use crate::geometry::TriangleMesh;
+use crate::geometry::mesh::{cross, dot, sub};
 use rayon::prelude::*;
 
 /// Triangles in a leaf, at most.
