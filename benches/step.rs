@@ -4,9 +4,8 @@ mod common;
 
 use bijective_sdf::autodiff::Tape;
 use bijective_sdf::bsp::{Bsp, BspConfig, Neighbourhood};
-use bijective_sdf::gdo::{
-    Activation, Deformation, Field, FieldConfig, FieldPass, FieldValues, FieldVars, deform,
-};
+use bijective_sdf::field::{Activation, Field, FieldConfig, FieldPass, FieldValues, FieldVars};
+use bijective_sdf::gdo::{Deformation, deform};
 use bijective_sdf::loss::{Direction, mean_abs};
 use bijective_sdf::optim::{Adam, AdamOptions};
 use bijective_sdf::tensor::Tensor;

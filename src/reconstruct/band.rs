@@ -6,8 +6,9 @@ use super::Trainer;
 use super::step::Sampled;
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{FieldPass, resolution_for_area};
+use crate::field::FieldPass;
 use crate::geometry::{BandTopology, Isosurface, NarrowBandOptions, TetGrid, TriangleBvh, active_set};
+use crate::start::resolution_for_area;
 
 /// What steps work with and nothing outlives them for.
 #[derive(Default)]

@@ -8,8 +8,8 @@
 use super::Trainer;
 use super::model::zero_level_set;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::spacing;
 use crate::geometry::{TriangleMesh, nearest_points};
+use crate::start::spacing;
 
 /// The widest gap that is bridged, in spacings of the points at its ends.
 const REACH: f64 = 1.0;

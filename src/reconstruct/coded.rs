@@ -5,7 +5,8 @@ use super::step::{FAR, diverged};
 use crate::autodiff::Tape;
 use crate::bsp::Parameterized;
 use crate::error::Error;
-use crate::gdo::{FieldPass, FieldVars, deform};
+use crate::field::{FieldPass, FieldVars};
+use crate::gdo::deform;
 use crate::geometry::nearest_points;
 use crate::tensor::Tensor;
 

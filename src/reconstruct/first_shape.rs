@@ -4,9 +4,9 @@ use super::{Config, StartShape};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::Neighbourhood;
 use crate::error::Error;
-use crate::gdo::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
 use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
 use crate::loss::Direction;
+use crate::start::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
 use crate::tensor::Tensor;
 use std::sync::Arc;
 

@@ -3,7 +3,8 @@
 use super::{Config, Finishing};
 use crate::bsp::Coverage;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{FINISHED_POINTS, Field, Finish};
+use crate::field::Field;
+use crate::finish::{FINISHED_POINTS, Finish};
 use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleBvh, TriangleMesh, extract};
 use rayon::prelude::*;
 

@@ -2,7 +2,7 @@
 
 use super::{Config, Target};
 use crate::autodiff::{Tape, Var};
-use crate::gdo::FieldVars;
+use crate::field::FieldVars;
 use crate::geometry::TriangleBvh;
 use crate::loss::{Direction, eikonal, inside, mean_abs, pull, surface_distance};
 

@@ -3,7 +3,8 @@
 use super::config::{Config, Finishing, Stage, StartShape, Target};
 use crate::bsp::Parameterization;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Activation, Deformation};
+use crate::field::Activation;
+use crate::gdo::Deformation;
 use crate::optim::Decay;
 
 /// A value as text that reads back to the same value.

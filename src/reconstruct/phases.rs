@@ -184,7 +184,7 @@ impl Trainer {
 #[cfg(test)]
 mod tests {
     use super::super::tests::{at_training, ball, tiny};
-    use crate::gdo::Field;
+    use crate::field::Field;
 
     #[test]
     fn a_field_without_an_inside_is_lowered_to_the_points() {

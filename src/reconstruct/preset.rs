@@ -3,8 +3,10 @@
 use super::config::{Band, Batch, Config, Finishing, Stage, Start, StartShape, Target, Weights};
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Activation, Deformation, FieldConfig, USUAL_AREA};
+use crate::field::{Activation, FieldConfig};
+use crate::gdo::Deformation;
 use crate::optim::{Decay, Schedule};
+use crate::start::USUAL_AREA;
 use std::fmt;
 use std::str::FromStr;
 

@@ -2,7 +2,7 @@
 
 use super::Config;
 use super::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
-use crate::gdo::octave_factor;
+use crate::field::octave_factor;
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;

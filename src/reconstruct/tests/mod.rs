@@ -7,7 +7,7 @@ mod shapes;
 mod trace;
 
 use super::*;
-use crate::gdo::Activation;
+use crate::field::Activation;
 use crate::geometry::Shape;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};

@@ -6,10 +6,10 @@
 //! strays or a part that it has given up, and the surface of least bending is blended in
 //! ([`PlateBlend`](super::plate_blend)). Neither is in the paper.
 
-use super::plate_blend::PlateBlend;
+use super::blend::PlateBlend;
 use super::residual::Residual;
-use super::thin_plate::MAX_CENTRES;
 use crate::error::{Error, ErrorKind};
+use crate::start::MAX_CENTRES;
 use std::ops::RangeInclusive;
 
 /// The sizes of clouds that fields are finished for: fewer points foretell nothing, more take too much memory (some

@@ -16,7 +16,7 @@ use nalgebra::{DMatrix, DMatrixView, DVector, Matrix4};
 use rayon::prelude::*;
 
 /// Centres at most; larger clouds are thinned to evenly spread points, for the system of 4 n unknowns costs O(n^3).
-pub(super) const MAX_CENTRES: usize = 500;
+pub(crate) const MAX_CENTRES: usize = 500;
 /// Added to the cubes of distances on the diagonal, so that points very close together leave the system solvable; the
 /// points may be missed a little for it (1e-5 of the longest side where 300 points are spread evenly).
 const SLACK: f64 = 1e-6;
@@ -135,7 +135,7 @@ kernel! {
 
 /// The interpolation problem solved for all data at once: with K the kernels and P the planes at the data (n values,
 /// then 3 n components of gradients), the inverse of [[K, P], [P^T, 0]].
-pub(super) struct System {
+pub(crate) struct System {
     /// The data's block of the inverse, 4n x 4n: energy of the data, and weights of the centres from the data.
     energy: DMatrix<f64>,
     /// The planes' block of the inverse, 4 x 4n: coefficients of the plane from the data.
@@ -212,7 +212,7 @@ impl System {
 }
 
 /// Unit vectors along the normals, one after the other; any direction for a normal of zero.
-pub(super) fn directions(normals: &[[f32; 3]]) -> Vec<f64> {
+pub(crate) fn directions(normals: &[[f32; 3]]) -> Vec<f64> {
     let direction = |normal: &[f32; 3]| {
         let normal = normal.map(f64::from);
         let len = normal.iter().map(|x| x * x).sum::<f64>().sqrt();
@@ -284,7 +284,7 @@ fn plane_at(points: &[[f64; 3]], row: usize, k: usize) -> f64 {
 
 /// [[K, P], [P^T, 0]] with `smoothing` added to the values' diagonal.
 #[cfg(test)]
-pub(super) fn saddle(points: &[[f64; 3]], smoothing: f64) -> DMatrix<f64> {
+pub(crate) fn saddle(points: &[[f64; 3]], smoothing: f64) -> DMatrix<f64> {
     let (n, all) = (points.len(), 4 * points.len());
     DMatrix::from_fn(all + 4, all + 4, |i, j| match (i < all, j < all) {
         (true, true) => kernel_at(points, i, j) + if i == j && i < n { smoothing } else { 0.0 },

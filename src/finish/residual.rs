@@ -3,11 +3,11 @@
 //! At a point of the cloud the field should be 0 and is g(q). These residuals are interpolated by a smooth function of
 //! place and normal, which is taken off. Between points, and where nothing was off, the field stays as it is.
 
-use super::gauss::spacing;
 use crate::error::{Error, ErrorKind};
 use crate::geometry::KdTree;
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
+use crate::start::spacing;
 use rayon::prelude::*;
 
 /// Distance in space at which two residuals have nothing in common, in median spacings of the points.

@@ -197,7 +197,7 @@ fn fold(total: &mut [f32], gradients: &[Vec<f32>]) {
 mod tests {
     use super::*;
     use crate::autodiff::Tape;
-    use crate::gdo::{Activation, FieldConfig};
+    use crate::field::{Activation, FieldConfig};
     use crate::ops::testing::normal;
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;

@@ -6,7 +6,7 @@
 //! that lie close together are foreseen well; noise shows in them first.
 
 use super::forecast::{Forecast, covariances, forecasts};
-use super::thin_plate::{MAX_CENTRES, System, directions};
+use super::plate::{MAX_CENTRES, System, directions};
 use nalgebra::Matrix4;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;

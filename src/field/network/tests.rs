@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::autodiff::{At, Op, Tape};
-use crate::gdo::{FieldPass, FieldValues};
+use crate::field::{FieldPass, FieldValues};
 use crate::ops::testing::{check, normal};
 use crate::simd::testing::same_where_products_fuse;
 use crate::tensor::{Pool, Tensor};

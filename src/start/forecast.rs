@@ -1,11 +1,11 @@
 //! What the other points of a cloud say of each: a thin plate through them, with each point left out in turn.
 
-use super::thin_plate::System;
+use super::plate::System;
 use nalgebra::{DVector, Matrix4, Vector3, Vector4};
 
 /// What all other points say of one.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Forecast {
+pub(crate) struct Forecast {
     /// |f| at the point, f being the function that the others determine: how far it is from their surface, to first
     /// order (working frame).
     pub error: f64,
@@ -18,7 +18,7 @@ pub(super) struct Forecast {
 
 /// The covariance of the value and the gradient at each of n points given all others, for unit amplitude: with B the
 /// data's block of the system's inverse and I the four data of a point (B_II)^-1; NaN where rounding has left none.
-pub(super) fn covariances(system: &System) -> Vec<Matrix4<f64>> {
+pub(crate) fn covariances(system: &System) -> Vec<Matrix4<f64>> {
     let n = system.energy().nrows() / 4;
     let covariance = |i: usize| {
         let own = data_of(n, i);
@@ -30,7 +30,7 @@ pub(super) fn covariances(system: &System) -> Vec<Matrix4<f64>> {
 
 /// What the others say of each of n points, with these gradients (3 n, unit): leaving out the data I of a point changes
 /// the data d there by (B_II)^-1 (B d)_I, so no system is solved anew.
-pub(super) fn forecasts(system: &System, covariances: &[Matrix4<f64>], gradients: &[f64]) -> Vec<Forecast> {
+pub(crate) fn forecasts(system: &System, covariances: &[Matrix4<f64>], gradients: &[f64]) -> Vec<Forecast> {
     let n = gradients.len() / 3;
     let data = DVector::from_fn(4 * n, |i, _| if i < n { 0.0 } else { gradients[i - n] });
     let weights = system.energy() * &data;
@@ -50,7 +50,7 @@ fn data_of(n: usize, i: usize) -> [usize; 4] {
 
 #[cfg(test)]
 mod tests {
-    use super::super::thin_plate::{directions, saddle};
+    use super::super::plate::{directions, saddle};
     use super::*;
     use crate::geometry::Shape;
     use nalgebra::DMatrix;

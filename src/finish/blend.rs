@@ -6,11 +6,9 @@
 //! them: leaving each point out in turn tells how far the plate is to be trusted there, and plate and field are
 //! weighted by that, as two measurements of one distance would be.
 
-use super::forecast::{covariances, forecasts};
-use super::gauss::spacing;
-use super::thin_plate::{System, ThinPlate, directions};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::KdTree;
+use crate::start::{System, ThinPlate, covariances, directions, forecasts, spacing};
 use rayon::prelude::*;
 
 /// Distances to the nearest point, in spacings, between which the plate's weight falls to 0.

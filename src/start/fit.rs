@@ -1,7 +1,8 @@
 //! The regression that the field learns a first shape by.
 
-use super::{Field, FieldPass, FieldValues, USUAL_AREA};
+use super::USUAL_AREA;
 use crate::error::Error;
+use crate::field::{Field, FieldPass, FieldValues};
 use crate::geometry::{TriangleBvh, TriangleMesh, sample_surface};
 use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
@@ -124,9 +125,10 @@ impl Targets {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::gdo::{Activation, FieldConfig, gauss_shape};
+    use crate::field::{Activation, FieldConfig};
     use crate::geometry::Shape;
     use crate::optim::{Adam, AdamOptions};
+    use crate::start::gauss_shape;
 
     #[test]
     fn the_field_takes_the_shape_of_a_torus() {

@@ -3,7 +3,8 @@
 use super::Phase;
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Activation, Deformation, FieldConfig, octave_factor};
+use crate::field::{Activation, FieldConfig, octave_factor};
+use crate::gdo::Deformation;
 use crate::optim::{Decay, Schedule};
 
 /// The shape that the field starts as.
@@ -42,7 +43,7 @@ pub enum Finishing {
     /// Nothing.
     None,
     /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
-    /// points foretell each other ([`Finish`](crate::gdo::Finish)); for clouds of 20 to a million points, others are
+    /// points foretell each other ([`Finish`](crate::finish::Finish)); for clouds of 20 to a million points, others are
     /// left as they are.
     Points,
 }
@@ -129,7 +130,7 @@ pub struct Config {
     /// Default true.
     pub scale_with_points: bool,
     /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
-    /// they do ([`denoise`](crate::gdo::denoise())); for clouds of 50 to 500 points with another start than a sphere.
+    /// they do ([`denoise`](crate::start::denoise())); for clouds of 50 to 500 points with another start than a sphere.
     /// Default true; the paper does not.
     pub denoise: bool,
     /// The network g.
