@@ -3,7 +3,7 @@
 #[cfg(feature = "checkpoint")]
 use super::Phase;
 use super::Trainer;
-use super::step::Sampled;
+use super::phases::train::Sampled;
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
 use crate::field::FieldPass;

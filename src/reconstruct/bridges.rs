@@ -6,7 +6,7 @@
 //! the two are asked to be inside from then on. Not in the paper.
 
 use super::Trainer;
-use super::model::zero_level_set;
+use super::result::zero_level_set;
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{TriangleMesh, nearest_points};
 use crate::start::spacing;

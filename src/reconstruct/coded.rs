@@ -1,7 +1,7 @@
 //! What the paper's figures are drawn from: points, S and grid vertices with their codes.
 
 use super::Trainer;
-use super::step::{FAR, diverged};
+use super::phases::train::{FAR, diverged};
 use crate::autodiff::Tape;
 use crate::bsp::Parameterized;
 use crate::error::Error;

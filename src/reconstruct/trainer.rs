@@ -3,8 +3,8 @@
 use super::band::Workspace;
 use super::bridges::Bridges;
 use super::first_shape::FirstShape;
-use super::model::{FoundShape, Shape};
-use super::step::StepReport;
+use super::phases::train::StepReport;
+use super::result::{FoundShape, Shape};
 use super::{Config, Phase, Reconstruction};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};

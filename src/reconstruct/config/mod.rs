@@ -1,11 +1,19 @@
 //! What can be chosen. Everything is in the working frame: the cloud centred, its longest side 1.
 
-use super::Phase;
+mod options;
+mod preset;
+mod scale;
+
+#[cfg(feature = "checkpoint")]
+pub(super) use options::RENAMED;
+pub use preset::Preset;
+
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
 use crate::field::{Activation, FieldConfig, octave_factor};
 use crate::gdo::Deformation;
 use crate::optim::{Decay, Schedule};
+use crate::reconstruct::Phase;
 
 /// The shape that the field starts as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -183,11 +191,11 @@ pub struct Config {
 }
 
 /// The highest frequency of the field's encoding.
-pub(super) const MOST_FREQUENCY: f32 = 1000.0;
+pub(in crate::reconstruct) const MOST_FREQUENCY: f32 = 1000.0;
 /// The most steps of a stage or phase.
-pub(super) const MOST_STEPS: usize = 10_000_000;
+pub(in crate::reconstruct) const MOST_STEPS: usize = 10_000_000;
 /// The most samples on the surface.
-pub(super) const MOST_DRAWN: usize = 10_000_000;
+pub(in crate::reconstruct) const MOST_DRAWN: usize = 10_000_000;
 
 impl Config {
     /// The steps of a phase; none without `stages`. A sphere needs no start, and without a parameterization, or one
@@ -235,7 +243,7 @@ impl Config {
     }
 
     /// Whether those options are in range that a trained field and its mesh follow from.
-    pub(super) fn validate_result(&self) -> Result<(), Error> {
+    pub(in crate::reconstruct) fn validate_result(&self) -> Result<(), Error> {
         let f = &self.field;
         within("field.width", f.width, 1, 1024)?;
         within("field.depth", f.depth, 1, 32)?;
@@ -381,8 +389,8 @@ fn check_rate(key: &str, rate: &Schedule) -> Result<(), Error> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Preset;
     use super::*;
+    use crate::reconstruct::Preset;
 
     #[test]
     fn presets_are_valid() {

@@ -1,5 +1,6 @@
 //! Tests of the whole training, and the small clouds and options that they share.
 
+pub(super) mod ablations;
 mod gradients;
 mod recovery;
 mod run;

@@ -15,7 +15,7 @@ fn the_threads_do_not_change_a_byte() {
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
     let samples = Config { surface_samples: 300, ..tiny() };
     let (scattered, finer) = noisy(120);
-    let charts = ablations::with_charts(large.clone());
+    let charts = super::ablations::with_charts(large.clone());
     let exact = [tiny(), large, offset, samples, charts].map(|config| (points.clone(), config));
     for (points, config) in exact.into_iter().chain([(scattered, finer)]) {
         let on = |threads: usize| {

@@ -1,11 +1,11 @@
 //! Every option under a dotted name, as text: for configuration files, command lines and checkpoints.
 
-use super::config::{Config, Finishing, Stage, StartShape, Target};
 use crate::bsp::Parameterization;
 use crate::error::{Error, ErrorKind};
 use crate::field::Activation;
 use crate::gdo::Deformation;
 use crate::optim::Decay;
+use crate::reconstruct::config::{Config, Finishing, Stage, StartShape, Target};
 
 /// A value as text that reads back to the same value.
 trait Text: Sized {
@@ -97,7 +97,7 @@ const ENTRIES: &[Entry] = entries! {
 
 /// Names that options had in earlier versions, and those that they have now. [`Config::set`] refuses the old ones and
 /// says the new ones; saved files are read under both. None so far.
-pub(super) const RENAMED: &[(&str, &str)] = &[];
+pub(in crate::reconstruct) const RENAMED: &[(&str, &str)] = &[];
 
 impl Config {
     /// Changes the option of a dotted name, such as `field.width` to `64` or `stages` to `32:200,64:100`.
@@ -294,8 +294,8 @@ impl Text for Vec<Stage> {
 
 #[cfg(test)]
 mod tests {
-    use super::super::Preset;
     use super::*;
+    use crate::reconstruct::Preset;
 
     #[test]
     fn entries_read_back_to_the_same_configuration() {

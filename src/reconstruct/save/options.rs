@@ -4,10 +4,10 @@
 //! before, and the values that stand for options which came later. A result needs only what its field and its mesh are
 //! made by; of all other options it merely says with which values it was trained.
 
-use super::options::RENAMED;
 use super::store::{Store, damaged};
-use super::{Config, Preset};
 use crate::error::Error;
+use crate::reconstruct::config::RENAMED;
+use crate::reconstruct::{Config, Preset};
 
 /// An option that older files lack.
 #[derive(Clone, Copy, Debug)]
@@ -29,14 +29,14 @@ fn is_needed(key: &str) -> bool {
 }
 
 /// Puts all options into a file.
-pub(super) fn put(store: &mut Store, config: &Config) {
+pub(in crate::reconstruct) fn put(store: &mut Store, config: &Config) {
     for (key, value) in config.entries() {
         store.put(&format!("config.{key}"), value);
     }
 }
 
 /// The options of a checkpoint of a version, under their present names.
-pub(super) fn of_checkpoint(store: &Store, version: u32) -> Vec<(String, String)> {
+pub(in crate::reconstruct) fn of_checkpoint(store: &Store, version: u32) -> Vec<(String, String)> {
     stored(store, version, RENAMED, ADDED_TO_CHECKPOINTS)
 }
 
@@ -63,7 +63,7 @@ fn stored(store: &Store, version: u32, renamed: &[(&str, &str)], added: &[Added]
 ///
 /// # Errors
 /// [`Checkpoint`](crate::ErrorKind::Checkpoint) if an option that the result needs is missing or cannot be used.
-pub(super) fn of_result(store: &Store, version: u32) -> Result<(Config, Vec<String>), Error> {
+pub(in crate::reconstruct) fn of_result(store: &Store, version: u32) -> Result<(Config, Vec<String>), Error> {
     result_from(&stored(store, version, RENAMED, ADDED_TO_RESULTS))
 }
 

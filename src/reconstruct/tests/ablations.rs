@@ -1,12 +1,12 @@
 //! Tests of the paper's ablations as settings.
 
-use super::tests::{ball, quick, tiny};
-use super::*;
+use super::super::*;
+use super::{ball, quick, tiny};
 use crate::bsp::{BspConfig, Parameterization};
 use std::ops::ControlFlow;
 
 /// The options with codes in a layout, charts and slack.
-pub(super) fn with_charts(mut config: Config) -> Config {
+pub(in crate::reconstruct) fn with_charts(mut config: Config) -> Config {
     config.bsp = BspConfig { layout: true, charts: true, slack: 1.0, average_positions: false, ..config.bsp };
     config
 }

@@ -3,10 +3,14 @@
 //! The field learns the first shape that is found among the points; then the parameterization is trained alone, to
 //! cover it. Both are quick against the training, and counted, reported, saved and taken back like it.
 
-use super::first_shape::{FirstShape, shape_term};
-use super::step::{check_gradients, check_near, diverged, forward_map, para_term};
-use super::trainer::untrained;
-use super::{StepReport, Trainer};
+use crate::reconstruct::Trainer;
+use crate::reconstruct::first_shape::{FirstShape, shape_term};
+use crate::reconstruct::trainer::untrained;
+use train::{check_gradients, check_near, diverged, forward_map, para_term};
+pub(super) mod train;
+
+pub use train::StepReport;
+
 use crate::error::Error;
 use crate::geometry::TetGrid;
 use crate::optim::{Schedule, gradient_norm};
@@ -54,7 +58,7 @@ impl Trainer {
     }
 
     /// The number of the step within the training proper; 0 before it.
-    pub(super) fn train_step(&self) -> usize {
+    pub(in crate::reconstruct) fn train_step(&self) -> usize {
         match self.config.phase_at(self.step) {
             (Phase::Train, step) => step,
             _ => 0,
@@ -63,7 +67,7 @@ impl Trainer {
 
     /// Finds the first shape and takes over what it says of the cloud: the points without their noise and, by their
     /// normals, the parts in which S is made.
-    pub(super) fn find_shape(&mut self) -> Result<(), Error> {
+    pub(in crate::reconstruct) fn find_shape(&mut self) -> Result<(), Error> {
         let samples = self.map.as_ref().map_or(0, |m| m.surface_len(self.cloud.len()));
         self.shape = FirstShape::find(&self.cloud, &self.config, samples)?;
         if let Some(shape) = self.shape.as_ref().filter(|shape| shape.cloud.moved > 0.0) {
@@ -77,7 +81,7 @@ impl Trainer {
     }
 
     /// One step of the regression. On an error the parameters are as before it.
-    pub(super) fn try_start(&mut self) -> Result<StepReport, Error> {
+    pub(in crate::reconstruct) fn try_start(&mut self) -> Result<StepReport, Error> {
         let shape = self.shape.as_mut().expect("the phase has no steps without a shape");
         let fit = shape.fit.step(&self.field, &mut self.work.pass, self.step);
         let gradient_norm = gradient_norm(&fit.gradients);
@@ -99,7 +103,7 @@ impl Trainer {
     }
 
     /// One step of the parameterization alone, on L_para. On an error the parameters are as before it.
-    pub(super) fn try_pretrain(&mut self) -> Result<StepReport, Error> {
+    pub(in crate::reconstruct) fn try_pretrain(&mut self) -> Result<StepReport, Error> {
         let (_, step) = self.config.phase_at(self.step);
         let map = self.map.as_ref().expect("the phase has no steps without a map");
         let block = &self.blocks[step % self.blocks.len()];
@@ -139,7 +143,7 @@ impl Trainer {
     /// Where the regression left most points outside, as it may for a blade that is thin against what the network can
     /// learn in its steps, moves the field's level, so that the middle one of the points is half a cube of the grid
     /// inside. Returns whether it did; done once, it is not done again.
-    pub(super) fn lower_to_points(&mut self) -> Result<bool, Error> {
+    pub(in crate::reconstruct) fn lower_to_points(&mut self) -> Result<bool, Error> {
         let mut values = self.field.sdf(&self.cloud);
         values.sort_by(f32::total_cmp);
         let middle = values[values.len() / 2];
@@ -152,7 +156,7 @@ impl Trainer {
     }
 
     /// What comes before the first step of the training proper; doing it again changes nothing.
-    pub(super) fn begin_training(&mut self) -> Result<(), Error> {
+    pub(in crate::reconstruct) fn begin_training(&mut self) -> Result<(), Error> {
         // The moments of the regression say nothing about the losses to come.
         self.field_adam = untrained(self.field.params());
         if let Some(map) = &self.map {
@@ -183,8 +187,8 @@ impl Trainer {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{at_training, ball, tiny};
     use crate::field::Field;
+    use crate::reconstruct::tests::{at_training, ball, tiny};
 
     #[test]
     fn a_field_without_an_inside_is_lowered_to_the_points() {

@@ -1,8 +1,8 @@
 //! What the number of points changes in the options.
 
-use super::Config;
-use super::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
 use crate::field::octave_factor;
+use crate::reconstruct::Config;
+use crate::reconstruct::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
@@ -78,8 +78,8 @@ impl Config {
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Preset, Stage};
     use super::*;
+    use crate::reconstruct::{Preset, Stage};
 
     #[test]
     fn usual_sizes_change_nothing_and_larger_ones_nothing_twice() {

@@ -1,16 +1,16 @@
 //! Saving a run or its result, and taking it up again.
 
-use super::bridges::Bridges;
-use super::model::{FoundShape, Shape};
-use super::saved_options;
-use super::step::FAR;
+use super::options as saved_options;
 use super::store::{Checksum, Store, damaged};
-use super::trainer::{Learned, RECOVERIES, Snapshot, blank_field, prepare};
-use super::{Config, Reconstruction, Trainer};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{Normalizer, TriangleMesh};
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
+use crate::reconstruct::bridges::Bridges;
+use crate::reconstruct::phases::train::FAR;
+use crate::reconstruct::result::{FoundShape, Shape};
+use crate::reconstruct::trainer::{Learned, RECOVERIES, Snapshot, blank_field, prepare};
+use crate::reconstruct::{Config, Reconstruction, Trainer};
 use crate::tensor::Tensor;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
@@ -334,11 +334,11 @@ fn read_params(store: &Store, prefix: &str, params: &mut Params) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::tests::{ball, bits, noisy, poison, run, tiny};
     use super::*;
     use crate::bsp::Parameterization;
     use crate::gdo::Deformation;
-    use crate::reconstruct::ablations::with_charts;
+    use crate::reconstruct::tests::ablations::with_charts;
+    use crate::reconstruct::tests::{ball, bits, noisy, poison, run, tiny};
     use crate::reconstruct::{Batch, Finishing};
     use std::path::PathBuf;
 

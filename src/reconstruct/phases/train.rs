@@ -1,8 +1,5 @@
 //! One iteration of training, from the band to the updated parameters.
 
-use super::band::Workspace;
-use super::objective::{Scene, Terms, add_terms};
-use super::{Config, Phase, Trainer};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
@@ -12,6 +9,9 @@ use crate::geometry::TriangleBvh;
 use crate::loss::Direction;
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
+use crate::reconstruct::band::Workspace;
+use crate::reconstruct::objective::{Scene, Terms, add_terms};
+use crate::reconstruct::{Config, Phase, Trainer};
 use crate::tensor::Tensor;
 use rand::SeedableRng;
 use rand::rngs::ChaCha8Rng;
@@ -85,7 +85,7 @@ impl StepReport {
 }
 
 /// What of the cloud a step sees.
-pub(super) struct View {
+pub(in crate::reconstruct) struct View {
     /// Indices in the cloud (q).
     pub rows: Vec<u32>,
     /// Their points, working frame.
@@ -95,7 +95,7 @@ pub(super) struct View {
 }
 
 /// The field as a step sees it.
-pub(super) struct Sampled {
+pub(in crate::reconstruct) struct Sampled {
     /// At the active vertices, then at the seen points of the cloud if a term asks for them, then at the bridges.
     pub values: FieldValues,
     /// Rows before those of the bridges.
@@ -105,7 +105,7 @@ pub(super) struct Sampled {
 }
 
 /// A step on the tape.
-pub(super) struct Recorded {
+pub(in crate::reconstruct) struct Recorded {
     pub loss: Var,
     field: FieldVars,
     map: Option<Bound>,
@@ -114,17 +114,17 @@ pub(super) struct Recorded {
 }
 
 /// Gradients of the field and of the map, parameter by parameter.
-pub(super) struct Pulled {
+pub(in crate::reconstruct) struct Pulled {
     pub field: Vec<Option<Tensor>>,
     pub map: Option<Vec<Option<Tensor>>>,
 }
 
 /// Coordinates beyond this mean that training has left the neighbourhood of the cloud for good.
-pub(super) const FAR: f32 = 1e6;
+pub(in crate::reconstruct) const FAR: f32 = 1e6;
 
 impl Trainer {
     /// One iteration of the training proper. On an error the parameters are as before it; what it worked with is not.
-    pub(super) fn try_step(&mut self) -> Result<StepReport, Error> {
+    pub(in crate::reconstruct) fn try_step(&mut self) -> Result<StepReport, Error> {
         self.look_for_gaps()?;
         let refreshed = self.refresh_band()?;
         let view = self.view();
@@ -155,7 +155,7 @@ impl Trainer {
     }
 
     /// Chooses the points of the cloud and the patches that this step sees.
-    pub(super) fn view(&self) -> View {
+    pub(in crate::reconstruct) fn view(&self) -> View {
         let n = self.cloud.len();
         let step = self.train_step();
         let size = self.config.batch.points;
@@ -172,7 +172,7 @@ impl Trainer {
     }
 
     /// Evaluates the field where this step looks at it.
-    pub(super) fn sample_field(&mut self, view: &View) -> Result<Sampled, Error> {
+    pub(in crate::reconstruct) fn sample_field(&mut self, view: &View) -> Result<Sampled, Error> {
         let Workspace { tape, pass, band, .. } = &mut self.work;
         let band = band.as_ref().expect("refreshed first");
         tape.clear();
@@ -197,7 +197,11 @@ impl Trainer {
     }
 
     /// Puts the step on the tape: moved vertices, surface, target, and the loss.
-    pub(super) fn record(&mut self, sampled: &Sampled, view: &View) -> Result<Recorded, Error> {
+    pub(in crate::reconstruct) fn record(
+        &mut self,
+        sampled: &Sampled,
+        view: &View,
+    ) -> Result<Recorded, Error> {
         let step = self.train_step();
         let progress = step as f32 / self.config.steps_in(Phase::Train).max(1) as f32;
         let Workspace {
@@ -289,7 +293,7 @@ impl Trainer {
     }
 
     /// The gradients of all parameters: through the tape to the field's values, and chunk by chunk through the field.
-    pub(super) fn pull_back(&mut self, recorded: &Recorded, sampled: &Sampled) -> Pulled {
+    pub(in crate::reconstruct) fn pull_back(&mut self, recorded: &Recorded, sampled: &Sampled) -> Pulled {
         let Workspace { tape, pass, .. } = &mut self.work;
         let mut gradients = tape.backward(recorded.loss);
         let mut take =
@@ -360,7 +364,7 @@ impl Trainer {
 }
 
 /// A block's part of S and its context (c x 3), on the tape.
-pub(super) fn forward_map(
+pub(in crate::reconstruct) fn forward_map(
     tape: &mut Tape,
     map: &SurfaceMap,
     p: &Bound,
@@ -376,7 +380,7 @@ pub(super) fn forward_map(
 
 /// L_para of a block: from its part of S to all points around, beyond a slack if there is one, and from its centres to
 /// its part of S.
-pub(super) fn para_term(
+pub(in crate::reconstruct) fn para_term(
     tape: &mut Tape,
     surface: Var,
     context: Var,
@@ -418,12 +422,12 @@ fn surface_target(
     }
 }
 
-pub(super) fn diverged(message: impl Into<String>) -> Error {
+pub(in crate::reconstruct) fn diverged(message: impl Into<String>) -> Error {
     Error::new(ErrorKind::Diverged, message)
 }
 
 /// Refuses coordinates that neighbour searches cannot take.
-pub(super) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
+pub(in crate::reconstruct) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
     // Written so that NaN is refused.
     if points.iter().all(|x| x.abs() < FAR) {
         return Ok(());
@@ -432,7 +436,7 @@ pub(super) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
 }
 
 /// Refuses gradients that are not finite.
-pub(super) fn check_gradients(what: &str, gradients: &[Option<Tensor>]) -> Result<(), Error> {
+pub(in crate::reconstruct) fn check_gradients(what: &str, gradients: &[Option<Tensor>]) -> Result<(), Error> {
     if gradient_norm(gradients).is_finite() {
         return Ok(());
     }

@@ -1,11 +1,11 @@
 //! The named configurations, with all their numbers.
 
-use super::config::{Band, Batch, Config, Finishing, Stage, Start, StartShape, Target, Weights};
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
 use crate::field::{Activation, FieldConfig};
 use crate::gdo::Deformation;
 use crate::optim::{Decay, Schedule};
+use crate::reconstruct::config::{Band, Batch, Config, Finishing, Stage, Start, StartShape, Target, Weights};
 use crate::start::USUAL_AREA;
 use std::fmt;
 use std::str::FromStr;

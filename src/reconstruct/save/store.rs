@@ -17,7 +17,7 @@ const ENTRY: &str = "bijective_sdf";
 
 /// What is written and read.
 #[derive(Debug, Default)]
-pub(super) struct Store {
+pub(in crate::reconstruct) struct Store {
     /// In the order of writing; keys hold no `=` and nothing holds a line break.
     pub values: Vec<(String, String)>,
     pub tensors: BTreeMap<String, Tensor>,
@@ -142,14 +142,14 @@ impl Store {
     }
 }
 
-pub(super) fn damaged(message: impl Into<String>) -> Error {
+pub(in crate::reconstruct) fn damaged(message: impl Into<String>) -> Error {
     Error::new(ErrorKind::Checkpoint, message)
         .advise("the file is damaged or was written by another version; start anew or take an earlier file")
 }
 
 /// FNV-1a, 64 bits (Fowler, Noll, Vo): every step is a bijection, so a change of one byte never goes unseen.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Checksum(pub u64);
+pub(in crate::reconstruct) struct Checksum(pub u64);
 
 impl Checksum {
     pub fn new() -> Self {
