@@ -6,65 +6,13 @@
 //! by the activation's slope, then by the transposed weight) puts grad g on the tape; pulling back through that is
 //! an ordinary backward pass, and no higher-order tape is needed.
 
-use super::network::{Block, Network, Outputs, Scratch, Weights};
+use super::config::MAX_OCTAVES;
+use super::{Activation, FieldConfig};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, ParamId, Params};
 use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use rayon::prelude::*;
-
-/// The nonlinearity of the hidden layers.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Activation {
-    /// max(z, 0), as in the authors' code.
-    Relu,
-    /// ln(1 + e^(beta z)) / beta: smooth, so that grad g is continuous.
-    Softplus {
-        /// Sharpness; the corner is about 1 / beta wide.
-        beta: f32,
-    },
-}
-
-/// The shape of the network.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FieldConfig {
-    /// Width c of every hidden layer.
-    pub width: usize,
-    /// Hidden layers.
-    pub depth: usize,
-    /// Fourier octaves: sin and cos of `frequency` 2^o x for o below this.
-    pub octaves: usize,
-    /// Angular frequency of the first octave, in radians per unit of the working frame.
-    pub frequency: f32,
-    /// Nonlinearity of the hidden layers.
-    pub activation: Activation,
-    /// Hidden layer (counted from 0) that is fed the encoding again beside its input; `None` for a plain stack.
-    pub skip: Option<usize>,
-    /// Radius of the sphere that the field starts as, in units of the working frame.
-    pub radius: f32,
-}
-
-impl FieldConfig {
-    /// Columns of the encoding: x itself, and a sine and a cosine of each coordinate for each octave.
-    pub fn encoding_cols(&self) -> usize {
-        3 + 6 * self.octaves
-    }
-
-    /// The angular frequency of every octave.
-    pub(super) fn frequencies(&self) -> impl Iterator<Item = f32> {
-        let first = self.frequency;
-        (0..self.octaves).map(move |o| first * octave_factor(o))
-    }
-}
-
-/// The frequency of an octave as a multiple of that of octave 0: 2^octave, infinite from octave 128 on.
-pub(crate) fn octave_factor(octave: usize) -> f32 {
-    2f32.powi(octave.min(128) as i32)
-}
-
-/// Fourier octaves of a field, at most: sines of still higher frequencies are noise.
-const MAX_OCTAVES: usize = 32;
 
 /// The field network: n x 3 points in the working frame to n x 1 signed distances, negative inside.
 ///
@@ -93,10 +41,6 @@ pub struct FieldVars {
     pub offset: Option<Var>,
 }
 
-/// Values of a layer's output that a block has.
-const BLOCK_VALUES: usize = 16_384;
-/// Blocks of points that one task of a thread goes through.
-const BLOCKS_PER_TASK: usize = 8;
 /// Standard deviation of the weights that the displacement starts with.
 const OFFSET_START: f32 = 1e-3;
 
@@ -296,46 +240,6 @@ impl Field {
         } else {
             FieldVars { sdf: out, gradient, offset: None }
         }
-    }
-
-    /// Points that are worked on at a time, so that what a layer touches stays in the processor's cache.
-    pub(super) fn block_rows(&self) -> usize {
-        (BLOCK_VALUES / self.config.width).clamp(64, 256)
-    }
-
-    /// g at points (n x 3, working frame), without gradients and in parallel over fixed blocks.
-    pub fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
-        let mut out = vec![0.0; points.len()];
-        let rows = self.block_rows();
-        let task = rows * BLOCKS_PER_TASK;
-        let network = Network { field: self, weights: &Weights::straight(self) };
-        out.par_chunks_mut(task).zip(points.par_chunks(task)).for_each(|(out, points)| {
-            let (mut block, mut scratch) = <(Block, Scratch)>::default();
-            for (out, points) in out.chunks_mut(rows).zip(points.chunks(rows)) {
-                block.sdf(network, points, &mut scratch, out);
-            }
-        });
-        out
-    }
-
-    /// grad g at points (n x 3, working frame), in parallel over fixed blocks.
-    pub fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        let mut out = vec![[0.0; 3]; points.len()];
-        let rows = self.block_rows();
-        let task = rows * BLOCKS_PER_TASK;
-        let mut weights = Weights::default();
-        weights.fill(self);
-        let network = Network { field: self, weights: &weights };
-        out.par_chunks_mut(task).zip(points.par_chunks(task)).for_each(|(out, points)| {
-            let (mut block, mut scratch) = <(Block, Scratch)>::default();
-            let mut sdf = vec![0.0; rows];
-            for (out, points) in out.chunks_mut(rows).zip(points.chunks(rows)) {
-                let (sdf, gradient) = (&mut sdf[..points.len()], out.as_flattened_mut());
-                let mut values = Outputs { sdf, gradient, offset: None };
-                block.forward(network, points, &mut scratch, Some(&mut values));
-            }
-        });
-        out
     }
 }
 

@@ -13,10 +13,10 @@
 #[cfg(test)]
 mod tests;
 
-use super::field::{Activation, Field, FieldConfig};
 use super::rows::{
     back_through_activation, back_through_slope, copy_columns, join, multiply, relu_rows, softplus_rows,
 };
+use super::{Activation, Field, FieldConfig};
 use crate::simd::sin_cos_slice;
 use crate::tensor::{Base, MatRef, Panels, add_row_sums, gemm_panels_serial, gemm_serial};
 use std::f32::consts::FRAC_1_SQRT_2;

@@ -1,6 +1,6 @@
 //! The field over many vertices at once, on several threads; its memory does not grow with the vertices beyond a bound.
 
-use super::field::Field;
+use super::Field;
 use super::network::{Block, Network, Outputs, Scratch, Seeds, Weights};
 use crate::tensor::{Pool, Tensor, add_row_sums};
 use rayon::prelude::*;

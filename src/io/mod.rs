@@ -271,6 +271,19 @@ fn unpacked(bytes: &[u8]) -> Result<Cow<'_, [u8]>, Error> {
     }
 }
 
+impl Format {
+    /// The format of a file whose name means `hint`, whose bytes may be packed with gzip.
+    ///
+    /// # Errors
+    ///
+    /// As [`read_cloud_bytes`](read_cloud_bytes) where the bytes cannot be unpacked or are of a format that is
+    /// not read.
+    pub fn of(bytes: &[u8], hint: Option<Format>) -> Result<Format, Error> {
+        let options = ReadOptions { hint, ..Default::default() };
+        choose(&unpacked(bytes)?, &options)
+    }
+}
+
 /// The format: the one named outright, else what the content shows, else what the name means.
 fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
     if let Some(format) = options.format {

@@ -4,13 +4,10 @@
 //! and again, down to the fine grid. On each level the surface is followed through the faces it crosses, into cubes
 //! that nothing predicted, so what is found is always closed; the prediction only has to hit every component once.
 
-use super::lattice::Level;
-use super::{BandTopology, Isosurface, TetGrid, march};
+use super::level::Level;
+use super::{ActiveSet, FieldFn, Isosurface, TetGrid, march};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
-
-/// Samples a field: one value per position, in the same order, negative inside.
-pub type FieldFn<'a> = dyn FnMut(&[[f32; 3]]) -> Result<Vec<f32>, Error> + 'a;
 
 /// How to look for the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -30,26 +27,6 @@ pub struct NarrowBandOptions<'a> {
 impl Default for NarrowBandOptions<'_> {
     fn default() -> Self {
         NarrowBandOptions { coarse_resolution: 32, safety: 0.3, seeds: &[] }
-    }
-}
-
-/// The part of a grid near the surface: what a training step works on.
-#[derive(Clone, Debug, Default, PartialEq)]
-pub struct ActiveSet {
-    /// Grid vertex numbers of the active vertices (v), ascending.
-    pub ids: Vec<u32>,
-    /// Their positions, v x 3.
-    pub positions: Vec<[f32; 3]>,
-    /// The field there (v), raised above zero on the grid's border.
-    pub values: Vec<f32>,
-    /// Tetrahedra between them, t x 4, as indices `0..v`, positively oriented.
-    pub tets: Vec<[u32; 4]>,
-}
-
-impl ActiveSet {
-    /// The tetrahedra prepared for marching under many sign patterns.
-    pub fn topology(&self) -> BandTopology {
-        BandTopology::new(self.ids.len(), self.tets.clone())
     }
 }
 

@@ -1,8 +1,8 @@
 //! One level of the coarse-to-fine search: a lattice that is sampled where needed, and how it leads to the next.
 
 use super::bricks::{Bricks, corner};
-use super::narrow_band::{ActiveSet, FieldFn};
 use super::tet_grid::{CUBE_TETS, TetGrid};
+use super::{ActiveSet, FieldFn};
 use crate::{Error, ErrorKind};
 
 /// The cube has been sampled and tested.
