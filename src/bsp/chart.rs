@@ -7,6 +7,7 @@
 
 use super::BspConfig;
 use crate::autodiff::{At, Op, Tape, Var};
+use crate::geometry::vec3::{dot, sub};
 use crate::tensor::Tensor;
 use nalgebra::{Matrix3, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::sync::Arc;
@@ -49,7 +50,7 @@ impl Chart {
 
     /// (x, y) of a code.
     fn local(&self, p: &[f32; 3]) -> (f32, f32) {
-        let step: [f32; 3] = std::array::from_fn(|d| p[d] - self.code[d]);
+        let step = sub(*p, self.code);
         let [x, y] = self.code_axes.map(|axis| self.scale * dot(step, axis));
         (x, y)
     }
@@ -175,10 +176,6 @@ fn span(n: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     let least = Vector3::ith(n.iamin(), 1.0);
     let t1 = n.cross(&least).normalize();
     (t1, n.cross(&t1))
-}
-
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    (0..3).map(|d| a[d] * b[d]).sum()
 }
 
 /// The charts of all points of a cloud with their codes (n x 3); `near` lists for each point k others from near to far

@@ -7,8 +7,9 @@
 //! weighted by that, as two measurements of one distance would be.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::KdTree;
-use crate::start::{System, ThinPlate, covariances, directions, forecasts, spacing};
+use crate::geometry::vec3::dist_sq;
+use crate::geometry::{KdTree, spacing};
+use crate::start::{System, ThinPlate, covariances, directions, forecasts};
 use rayon::prelude::*;
 
 /// Distances to the nearest point, in spacings, between which the plate's weight falls to 0.
@@ -94,10 +95,7 @@ impl PlateBlend {
 
     /// What the points `near` a place (nearest first) say there.
     fn around(&self, x: &[f32; 3], near: &[u32]) -> Around {
-        let distance = |i: u32| {
-            let p = self.points[i as usize];
-            (0..3).map(|d| (x[d] - p[d]).powi(2)).sum::<f32>().sqrt()
-        };
+        let distance = |i: u32| dist_sq(*x, self.points[i as usize]).sqrt();
         let farthest = near.iter().map(|&i| distance(i)).fold(f32::MIN_POSITIVE, f32::max);
         let [mut sum, mut spacing, mut doubt] = [0.0f32; 3];
         for &i in near {

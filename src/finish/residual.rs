@@ -4,10 +4,9 @@
 //! place and normal, which is taken off. Between points, and where nothing was off, the field stays as it is.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::KdTree;
+use crate::geometry::{KdTree, spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
-use crate::start::spacing;
 use rayon::prelude::*;
 
 /// Distance in space at which two residuals have nothing in common, in median spacings of the points.

@@ -1,6 +1,7 @@
 //! Samples on the faces of the extracted surface, with gradients to its vertices.
 
 use crate::autodiff::{Tape, Var};
+use crate::geometry::cumulative_areas;
 use rand::RngExt;
 use rand::rngs::ChaCha8Rng;
 
@@ -62,20 +63,6 @@ impl FaceSamples {
     pub(crate) fn on(self, tape: &mut Tape, verts: Var) -> Var {
         tape.blend_rows(verts, self.corners)
     }
-}
-
-/// Twice the area of the faces up to and including each.
-fn cumulative_areas(points: &[[f32; 3]], faces: &[[u32; 3]]) -> Vec<f64> {
-    let mut sum = 0.0;
-    let area = |f: &[u32; 3]| {
-        let [a, b, c] = f.map(|i| points[i as usize].map(f64::from));
-        let u: [f64; 3] = std::array::from_fn(|d| b[d] - a[d]);
-        let v: [f64; 3] = std::array::from_fn(|d| c[d] - a[d]);
-        let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-        sum += (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-        sum
-    };
-    faces.iter().map(area).collect()
 }
 
 #[cfg(test)]

@@ -177,12 +177,6 @@ impl Tape {
     pub fn concat_rows<const N: usize>(&mut self, x: [Var; N]) -> Var {
         self.apply(ConcatRows, x)
     }
-
-    /// The value of `x` as a constant: no gradient flows back.
-    pub fn stop(&mut self, x: Var) -> Var {
-        let value = self.value(x).clone();
-        self.constant(value)
-    }
 }
 
 #[cfg(test)]
@@ -213,7 +207,5 @@ mod tests {
         let joined = t.concat_cols([va, vb]);
         let (left, right) = (t.slice_cols(joined, 0..2), t.slice_cols(joined, 2..6));
         assert_eq!((t.value(left), t.value(right)), (&a, &b));
-        let stopped = t.stop(joined);
-        assert!(!t.needs_gradient(stopped));
     }
 }

@@ -130,12 +130,6 @@ impl Tape {
         self.apply(SoftmaxCols, [x])
     }
 
-    /// Softmax over all rows, channel by channel: n x c to n x c, every column sums to 1.
-    pub fn softmax_rows(&mut self, x: Var) -> Var {
-        let k = self.value(x).rows();
-        self.softmax_groups(x, k)
-    }
-
     /// Softmax over the k rows of every group, channel by channel: (n k) x c to the same shape.
     ///
     /// # Panics
@@ -169,7 +163,6 @@ mod tests {
         fn gradients(n in 1usize..5, k in 1usize..5, c in 1usize..6, seed: u64) {
             let x = normal(&[n * k, c], seed);
             check(|t, x| t.softmax_cols(x[0]), std::slice::from_ref(&x), seed);
-            check(|t, x| t.softmax_rows(x[0]), std::slice::from_ref(&x), seed);
             check(|t, x| t.softmax_groups(x[0], k), &[x], seed);
         }
 

@@ -8,8 +8,7 @@
 use super::Trainer;
 use super::result::zero_level_set;
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{TriangleMesh, nearest_points};
-use crate::start::spacing;
+use crate::geometry::{TriangleMesh, nearest_points, spacing};
 
 /// The widest gap that is bridged, in spacings of the points at its ends.
 const REACH: f64 = 1.0;

@@ -1,10 +1,9 @@
 //! Closed shapes found among the points, for the field to start as.
 
-use super::gauss::spacing;
 use super::{GaussField, ThinPlate, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{
-    NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points, sample_surface,
+    NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points, sample_surface, spacing,
 };
 use rayon::prelude::*;
 

@@ -8,7 +8,7 @@
 //! limb and hole on its way.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{KdTree, farthest_point_sample};
+use crate::geometry::{farthest_point_sample, spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
@@ -19,8 +19,6 @@ use rayon::prelude::*;
 const MAX_SOURCES: usize = 1500;
 /// Points closer than the working frame can tell apart have no spacing; a kernel is at least this wide.
 const LEAST_WIDTH: f64 = 1e-6;
-/// Neighbours that measure the local spacing.
-const SPACING_NEIGHBOURS: usize = 7;
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
 /// Sources whose kernels are in memory at the same time while the system is built.
@@ -183,18 +181,6 @@ kernel! {
         for sum in sums { total += sum; }
         -total * (0.25 * std::f32::consts::FRAC_1_PI)
     }
-}
-
-/// The mean distance of every point to its nearest neighbours.
-pub(crate) fn spacing(points: &[[f32; 3]]) -> Vec<f64> {
-    let k = (SPACING_NEIGHBOURS + 1).min(points.len());
-    let index = KdTree::new(points).k_nearest(points, k);
-    let distance =
-        |a: [f32; 3], b: [f32; 3]| (0..3).map(|i| f64::from(a[i] - b[i]).powi(2)).sum::<f64>().sqrt();
-    let mean = |(i, row): (usize, &[u32])| {
-        row.iter().map(|&j| distance(points[i], points[j as usize])).sum::<f64>() / (k - 1).max(1) as f64
-    };
-    index.chunks_exact(k).enumerate().map(mean).collect()
 }
 
 #[cfg(test)]

@@ -14,7 +14,6 @@ pub use denoise::{DENOISED_POINTS, Denoised, denoise};
 pub use fit::{ShapeFit, ShapeFitStep};
 pub(crate) use forecast::{covariances, forecasts};
 pub use gauss::GaussField;
-pub(crate) use gauss::spacing;
 pub use plate::ThinPlate;
 pub(crate) use plate::{MAX_CENTRES, System, directions};
 pub use resolution::{USUAL_AREA, resolution_for_area};

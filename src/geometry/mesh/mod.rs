@@ -5,6 +5,6 @@ mod sample;
 mod triangle_mesh;
 
 pub use report::{MeshComponent, Topology};
-pub use sample::{SurfaceSamples, farthest_point_sample, sample_surface};
-pub(super) use sample::{cross, dot, sub};
+pub(crate) use sample::cumulative_areas;
+pub use sample::{SurfaceSamples, sample_surface};
 pub use triangle_mesh::TriangleMesh;

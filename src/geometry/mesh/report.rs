@@ -1,6 +1,7 @@
 //! What a triangle mesh is like: counts, closedness, orientation, genus, volume, and its components.
 
 use super::TriangleMesh;
+use crate::geometry::vec3::{dot, sub, triangle_normal};
 use std::fmt;
 
 /// The report of [`TriangleMesh::topology`].
@@ -143,7 +144,7 @@ impl TriangleMesh {
         self.check_faces("vertex_normals");
         let mut sums = vec![[0.0f64; 3]; self.verts.len()];
         for &face in &self.faces {
-            let normal = doubled_area(self.corners(face));
+            let normal = triangle_normal(self.corners(face));
             for v in face {
                 (0..3).for_each(|i| sums[v as usize][i] += normal[i]);
             }
@@ -307,7 +308,7 @@ impl TriangleMesh {
     /// Volume of the tetrahedron between a face and `centre`, and area of the face.
     fn measure(&self, face: [u32; 3], centre: [f64; 3]) -> (f64, f64) {
         let corners = self.corners(face);
-        let normal = doubled_area(corners);
+        let normal = triangle_normal(corners);
         (dot(sub(corners[0], centre), normal) / 6.0, 0.5 * dot(normal, normal).sqrt())
     }
 }
@@ -359,20 +360,6 @@ impl EdgeUsage {
         }
         usage
     }
-}
-
-fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
-}
-
-/// The normal of a triangle, as long as twice its area.
-fn doubled_area([p, q, r]: [[f64; 3]; 3]) -> [f64; 3] {
-    let (u, v) = (sub(q, p), sub(r, p));
-    [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]]
 }
 
 #[cfg(test)]

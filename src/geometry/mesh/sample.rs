@@ -1,8 +1,8 @@
-//! Random points on a mesh, and well-spread subsets of points.
+//! Random points on a mesh.
 
 use super::TriangleMesh;
 use crate::error::{Error, ErrorKind};
-use crate::geometry::point_dist_sq;
+use crate::geometry::vec3::{dot, triangle_normal, wide};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -33,7 +33,7 @@ pub struct SurfaceSamples {
 /// [`ErrorKind::Data`] if the mesh has no face, no area, a face that names a missing vertex, or a vertex in use that is
 /// not finite (the face is named).
 pub fn sample_surface(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<SurfaceSamples, Error> {
-    let cumulative = cumulative_areas(mesh)?;
+    let cumulative = cumulative(mesh)?;
     let total = cumulative[cumulative.len() - 1];
     let mut out = SurfaceSamples {
         points: vec![[0.0; 3]; count],
@@ -54,8 +54,8 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Su
             let r = r.sqrt();
             let w = [1.0 - r, r * (1.0 - s), r * s];
             points[i] = std::array::from_fn(|k| (w[0] * a[k] + w[1] * b[k] + w[2] * c[k]) as f32);
-            let n = cross(sub(b, a), sub(c, a));
-            let len = n.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let n = triangle_normal([a, b, c]);
+            let len = dot(n, n).sqrt();
             normals[i] = n.map(|x| (x / len) as f32);
             faces[i] = face as u32;
             weights[i] = w.map(|x| x as f32);
@@ -64,83 +64,46 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Su
     Ok(out)
 }
 
-/// Running sum of twice the face areas, cut after the last face that has area.
-fn cumulative_areas(mesh: &TriangleMesh) -> Result<Vec<f64>, Error> {
+/// Twice the areas of the faces, summed up to and including each, cut after the last face that has area.
+fn cumulative(mesh: &TriangleMesh) -> Result<Vec<f64>, Error> {
     let bad = |face: usize, message: String| {
         Error::new(ErrorKind::Data, message).at_element(format!("face {face}")).advise("repair the mesh")
     };
-    let mut cumulative = Vec::with_capacity(mesh.faces.len());
-    let (mut total, mut keep) = (0.0, 0);
-    for (f, face) in mesh.faces.iter().enumerate() {
-        if let Some(v) = face.iter().find(|&&v| v as usize >= mesh.verts.len()) {
-            return Err(bad(f, format!("vertex {v} of {} does not exist", mesh.verts.len())));
-        }
-        let [a, b, c] = face.map(|v| mesh.verts[v as usize].map(f64::from));
-        let n = cross(sub(b, a), sub(c, a));
-        let twice_area = n.iter().map(|x| x * x).sum::<f64>().sqrt();
-        if !twice_area.is_finite() {
-            return Err(bad(f, format!("corners {:?} are not finite", [a, b, c])));
-        }
-        total += twice_area;
-        cumulative.push(total);
-        if twice_area > 0.0 {
-            keep = f + 1;
-        }
+    let verts = mesh.verts.len();
+    let missing = |face: &[u32; 3]| face.iter().copied().find(|&v| v as usize >= verts);
+    if let Some((f, v)) = mesh.faces.iter().enumerate().find_map(|(f, face)| Some((f, missing(face)?))) {
+        return Err(bad(f, format!("vertex {v} of {verts} does not exist")));
     }
-    cumulative.truncate(keep);
-    if cumulative.is_empty() {
+    let mut cumulative = cumulative_areas(&mesh.verts, &mesh.faces);
+    if let Some(f) = cumulative.iter().position(|sum| !sum.is_finite()) {
+        let corners = mesh.faces[f].map(|v| mesh.verts[v as usize]);
+        return Err(bad(f, format!("corners {corners:?} are not finite")));
+    }
+    let total = cumulative.last().copied().unwrap_or(0.0);
+    if total == 0.0 {
         return Err(Error::new(
             ErrorKind::Data,
             format!("a mesh of {} faces has no area to sample", mesh.faces.len()),
         )
         .advise("give a mesh with at least one proper triangle"));
     }
+    cumulative.truncate(cumulative.partition_point(|&sum| sum < total) + 1);
     Ok(cumulative)
 }
 
-/// Indices of `count` well-spread points among `points` (n x 3): the first is drawn with `seed`, each next one is the
-/// point farthest from those already chosen, the smallest index among equally far ones. No index is repeated. O(n
-/// count).
+/// Twice the areas of the faces (f x 3) of a mesh with vertices v x 3, summed up to and including each, f.
 ///
 /// # Panics
-/// If `count` exceeds the number of points.
+/// If a face names a vertex that is not there.
 #[track_caller]
-pub fn farthest_point_sample(points: &[[f32; 3]], count: usize, seed: u64) -> Vec<u32> {
-    assert!(count <= points.len(), "farthest_point_sample: {count} asked of {} points", points.len());
-    let mut chosen = Vec::with_capacity(count);
-    if count == 0 {
-        return chosen;
-    }
-    let mut next = ChaCha8Rng::seed_from_u64(seed).random_range(0..points.len());
-    let mut dist_sq = vec![f32::INFINITY; points.len()];
-    loop {
-        chosen.push(next as u32);
-        if chosen.len() == count {
-            return chosen;
-        }
-        // Below every distance, so that duplicates of a chosen point still come before the point itself.
-        dist_sq[next] = -1.0;
-        let from = points[next];
-        let mut best = -1.0;
-        for (i, (p, d)) in points.iter().zip(&mut dist_sq).enumerate() {
-            *d = d.min(point_dist_sq(p, &from));
-            if *d > best {
-                (best, next) = (*d, i);
-            }
-        }
-    }
-}
-
-pub(crate) fn sub(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    std::array::from_fn(|i| a[i] - b[i])
-}
-
-pub(crate) fn cross(a: [f64; 3], b: [f64; 3]) -> [f64; 3] {
-    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
-}
-
-pub(crate) fn dot(a: [f64; 3], b: [f64; 3]) -> f64 {
-    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+pub(crate) fn cumulative_areas(verts: &[[f32; 3]], faces: &[[u32; 3]]) -> Vec<f64> {
+    let mut sum = 0.0;
+    let mut add = |face: &[u32; 3]| {
+        let normal = triangle_normal(face.map(|v| wide(verts[v as usize])));
+        sum += dot(normal, normal).sqrt();
+        sum
+    };
+    faces.iter().map(&mut add).collect()
 }
 
 #[cfg(test)]
@@ -253,34 +216,5 @@ mod tests {
             let e = sample_surface(&mesh, 10, 0).unwrap_err();
             assert_eq!((e.kind(), e.element()), (ErrorKind::Data, element));
         }
-    }
-
-    #[test]
-    fn farthest_points_follow_the_definition() {
-        let points = crate::geometry::fibonacci_sphere(60);
-        for count in 0..=12 {
-            let got = farthest_point_sample(&points, count, 4);
-            assert_eq!(got.len(), count);
-            // The naive twin measures to every chosen point anew.
-            for j in 1..count {
-                let gap = |i: usize| {
-                    got[..j]
-                        .iter()
-                        .map(|&c| point_dist_sq(&points[i], &points[c as usize]))
-                        .fold(f32::INFINITY, f32::min)
-                };
-                let want = (0..points.len()).rev().max_by(|&a, &b| gap(a).total_cmp(&gap(b))).unwrap();
-                assert_eq!(got[j] as usize, want);
-            }
-        }
-        let mut all = farthest_point_sample(&[[1.0; 3]; 7], 7, 0);
-        all.sort_unstable();
-        assert_eq!(all, [0, 1, 2, 3, 4, 5, 6]);
-    }
-
-    #[test]
-    #[should_panic(expected = "3 asked of 2 points")]
-    fn too_many_farthest_points_are_refused() {
-        farthest_point_sample(&[[0.0; 3]; 2], 3, 0);
     }
 }

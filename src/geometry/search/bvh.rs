@@ -2,7 +2,7 @@
 
 use crate::error::{Error, ErrorKind};
 use crate::geometry::TriangleMesh;
-use crate::geometry::mesh::{cross, dot, sub};
+use crate::geometry::vec3::{dist_sq, dot, sub, triangle_normal};
 use rayon::prelude::*;
 
 /// Triangles in a leaf, at most.
@@ -119,8 +119,7 @@ impl TriangleBvh {
             if node.count > 0 {
                 for i in node.at..node.at + node.count {
                     let p = closest_on_triangle(q, self.corners[i as usize]);
-                    let d = sub(q, p);
-                    let found = (dot(d, d), self.face[i as usize], p);
+                    let found = (dist_sq(q, p), self.face[i as usize], p);
                     if (found.0, found.1) < (best.0, best.1) {
                         best = found;
                     }
@@ -182,8 +181,7 @@ impl TriangleBvh {
     /// If the mesh has no such face.
     #[track_caller]
     pub fn face_normal(&self, face: u32) -> [f32; 3] {
-        let [a, b, c] = self.corners[self.place[face as usize] as usize];
-        let n = cross(sub(b, a), sub(c, a));
+        let n = triangle_normal(self.corners[self.place[face as usize] as usize]);
         let len = dot(n, n).sqrt();
         if len > 0.0 { n.map(|x| (x / len) as f32) } else { [0.0; 3] }
     }
@@ -259,9 +257,9 @@ fn closest_on_triangle(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
         let len_sq = dot(edge, edge);
         let t = if len_sq > 0.0 { (dot(sub(p, from), edge) / len_sq).clamp(0.0, 1.0) } else { 0.0 };
         let q = std::array::from_fn(|k| from[k] + t * edge[k]);
-        let d = sub(p, q);
-        if dot(d, d) < best.0 {
-            best = (dot(d, d), q);
+        let apart = dist_sq(p, q);
+        if apart < best.0 {
+            best = (apart, q);
         }
     }
     best.1
@@ -348,11 +346,7 @@ mod tests {
             for _ in 0..20 {
                 let q: [f32; 3] = std::array::from_fn(|_| rng.random_range(-1.0f32..1.0));
                 let hit = bvh.nearest(q);
-                let near = samples
-                    .points
-                    .iter()
-                    .map(|p| crate::geometry::point_dist_sq(p, &q))
-                    .fold(f32::INFINITY, f32::min);
+                let near = samples.points.iter().map(|p| dist_sq(*p, q)).fold(f32::INFINITY, f32::min);
                 let d = hit.dist_sq.sqrt() as f32;
                 assert!(d <= near.sqrt() + 1e-6 && near.sqrt() < d + 0.08);
             }

@@ -157,13 +157,12 @@ fn check_query(q: &[f32; 3]) {
 #[cfg(test)]
 pub(super) mod tests {
     use super::*;
-    use crate::geometry::point_dist_sq;
+    use crate::geometry::vec3::dist_sq;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
     pub fn brute_ranked(points: &[[f32; 3]], q: [f32; 3]) -> Vec<(f32, u32)> {
-        let mut all: Vec<_> =
-            points.iter().enumerate().map(|(i, p)| (point_dist_sq(p, &q), i as u32)).collect();
+        let mut all: Vec<_> = points.iter().enumerate().map(|(i, p)| (dist_sq(*p, q), i as u32)).collect();
         all.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         all
     }

@@ -261,7 +261,7 @@ impl PointTree {
         let mut first = u32::MAX;
         for (p, &id) in leaf.id.iter().enumerate() {
             let at = [leaf.at[0][p], leaf.at[1][p], leaf.at[2][p]];
-            if crate::geometry::point_dist_sq(&at, &q) == dist_sq {
+            if crate::geometry::vec3::dist_sq(at, q) == dist_sq {
                 first = first.min(id);
             }
         }
