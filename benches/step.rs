@@ -65,13 +65,13 @@ fn bsp(c: &mut Criterion) {
             heads: 4,
             neighbours: 8,
             patch: 10,
-            sphere: 1.0,
+            code_density: 1.0,
             reach,
             average_positions,
             layout: false,
             charts: false,
             slack: 0.0,
-            sheets: 0.0,
+            normal_weight: 0.0,
         };
         let points = sphere(n, 0.5, 0.0, 1);
         let bsp = Bsp::new(config, &points, &mut rng(2));

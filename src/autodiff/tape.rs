@@ -201,7 +201,7 @@ impl Tape {
     pub fn backward(&self, loss: Var) -> Gradients {
         let value = self.value(loss);
         assert!(value.len() == 1, "backward: loss of shape {:?}, one element expected", value.shape());
-        let mut seed = value.dirty(value.dims());
+        let mut seed = value.uninit_like(value.dims());
         seed.data_mut()[0] = 1.0;
         self.pull([(loss, seed)])
     }

@@ -208,7 +208,7 @@ struct Place {
 impl Op<1> for Place {
     type Saved = ();
     fn forward(&self, [p]: [&Tensor; 1]) -> (Tensor, ()) {
-        let mut s = p.dirty(p.dims());
+        let mut s = p.uninit_like(p.dims());
         let rows = s.data_mut().as_chunks_mut::<3>().0.iter_mut().zip(p.data().as_chunks::<3>().0);
         for (r, (s, p)) in rows.enumerate() {
             *s = self.charts[r / self.patch].place(p);
@@ -216,7 +216,7 @@ impl Op<1> for Place {
         (s, ())
     }
     fn vjp(&self, at: At<'_, 1, ()>, ds: &Tensor) -> [Option<Tensor>; 1] {
-        let mut dp = ds.dirty(ds.dims());
+        let mut dp = ds.uninit_like(ds.dims());
         let inputs = at.x[0].data().as_chunks::<3>().0.iter().zip(ds.data().as_chunks::<3>().0);
         for (r, (dp, (p, ds))) in dp.data_mut().as_chunks_mut::<3>().0.iter_mut().zip(inputs).enumerate() {
             *dp = self.charts[r / self.patch].pull(p, ds);
@@ -252,7 +252,7 @@ mod tests {
     fn of_sphere(n: usize, radius: f32) -> (Vec<[f32; 3]>, Vec<Chart>, f32) {
         let codes = fibonacci_sphere(n);
         let points: Vec<[f32; 3]> = codes.iter().map(|u| u.map(|x| radius * x)).collect();
-        let config = BspConfig { sphere: 1.0, ..super::super::tests::small(0, false) };
+        let config = BspConfig { code_density: 1.0, ..super::super::tests::small(0, false) };
         let near = KdTree::new(&points).k_nearest(&points, FITTED + 1);
         let cap = cap_radius(config.patch, config.codes(n));
         (codes.clone(), charts(&points, &codes, None, &near, &config), cap)

@@ -14,7 +14,7 @@ const PLACE: f64 = 1e-4;
 /// Codes are far apart from so many radii of a cap with each point's share of the sphere on.
 const FAR: f64 = 5.0;
 /// Points of S whose near pairs are looked at, about; of more, every second, third, ... is taken.
-const MOST_LOOKED_AT: usize = 4096;
+const MAX_LOOKED_AT: usize = 4096;
 
 /// The codes of a whole cloud and of its patches, and the sphere that they are of.
 #[derive(Clone, Debug, PartialEq)]
@@ -206,7 +206,7 @@ fn near_pairs(points: &[[f32; 3]], surface: &[[f32; 3]], codes: &[[f32; 3]]) -> 
     let spacing = mean_distances(points, 1);
     let far_sq = (2.0 * FAR / (n as f64).sqrt()).powi(2);
     let tree = KdTree::new(surface);
-    let step = surface.len().div_ceil(MOST_LOOKED_AT);
+    let step = surface.len().div_ceil(MAX_LOOKED_AT);
     let of = |i: usize| {
         let near = tree.within(surface[i], spacing[i / patch] as f32).into_iter().map(|(j, _)| j as usize);
         let near: Vec<usize> = near.filter(|&j| j != i).collect();

@@ -134,7 +134,7 @@ mod tests {
         let q = tape.constant(Tensor::from_points(&points));
         let codes: Vec<[f32; 3]> = points.iter().flat_map(|&u| [u; 3]).collect();
         let codes = tape.constant(Tensor::from_points(&codes));
-        let block = Neighbourhood::whole(&points, None, &BspConfig { sheets: 0.0, ..config });
+        let block = Neighbourhood::whole(&points, None, &BspConfig { normal_weight: 0.0, ..config });
         let s = psi.forward(&mut tape, &p, features, q, codes, &block);
         for (i, s) in tape.value(s).to_points().iter().enumerate() {
             let centre = points[i / 3];

@@ -20,7 +20,7 @@ const AGREE: (f32, f32) = (0.15, 0.35);
 /// The error of the field (standard deviation, in spacings) that the plate's is weighed against.
 const FIELD_ERROR: f32 = 0.025;
 /// The least slope that is believed where a value over its slope tells a distance.
-const LEAST_SLOPE: f64 = 0.05;
+const MIN_SLOPE: f64 = 0.05;
 /// Points, the nearest ones, that the plate's error at a point is averaged over.
 const AVERAGED: usize = 8;
 /// Points that spacing and error are interpolated from; the farthest of them has no weight, so that both are
@@ -54,7 +54,7 @@ impl PlateBlend {
         // f over its slope is the distance to the surface, to first order.
         let missed: Vec<f64> = forecasts(&system, &covariances(&system), &gradients)
             .iter()
-            .map(|f| f.error / f.slope.max(LEAST_SLOPE))
+            .map(|f| f.error / f.slope.max(MIN_SLOPE))
             .collect();
         if missed.iter().any(|x| !x.is_finite()) || spacing.iter().any(|&s| s <= 0.0) {
             return Err(undetermined());
@@ -86,7 +86,7 @@ impl PlateBlend {
         let around: Vec<Around> = x.par_iter().zip(around.par_chunks_exact(k)).map(at).collect();
         let rows: Vec<usize> = (0..x.len()).filter(|&i| around[i].weight > 0.0).collect();
         let near: Vec<[f32; 3]> = rows.iter().map(|&i| x[i]).collect();
-        for (&i, plate) in rows.iter().zip(self.plate.sdf(&near)) {
+        for (&i, plate) in rows.iter().zip(self.plate.value(&near)) {
             let Around { spacing, weight } = around[i];
             let weight = weight * falling((plate - values[i]).abs() / spacing, AGREE);
             values[i] += weight * (plate - values[i]);

@@ -46,7 +46,7 @@ pub(super) struct Band {
 }
 
 /// Cubes along each side of the lattice that the search starts from, at most.
-const MOST_COARSE_CUBES: usize = 32;
+const MAX_COARSE_CUBES: usize = 32;
 
 impl Trainer {
     /// The grid resolution of a step of the training proper: that of its stage, changed by the area of the first shape.
@@ -87,7 +87,7 @@ impl Trainer {
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
         // Half the resolution: what is thinner and not near the cloud no point asks for.
         let options = NarrowBandOptions {
-            coarse_resolution: (resolution / 2).clamp(1, MOST_COARSE_CUBES),
+            coarse_resolution: (resolution / 2).clamp(1, MAX_COARSE_CUBES),
             seeds: &self.cloud,
             ..Default::default()
         };

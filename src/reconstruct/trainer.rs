@@ -46,7 +46,7 @@ pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, 
 }
 
 /// A cloud is not thinned to fewer points than these.
-const LEAST_THINNED: usize = 64;
+const MIN_THINNED: usize = 64;
 
 /// The points of a large cloud that training works with.
 fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
@@ -56,7 +56,7 @@ fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
         Some(grid) if config.batch.thin > 0.0 && cloud.len() > config.batch.points => {
             let kept = thin_cloud(&cloud, config.batch.thin * grid.spacing());
             // A heap of points and a far outlier would become a few points.
-            if kept.len() < LEAST_THINNED {
+            if kept.len() < MIN_THINNED {
                 return cloud;
             }
             kept.into_iter().map(|i| cloud[i as usize]).collect()
@@ -257,7 +257,7 @@ impl Trainer {
     }
 
     /// The factor on all learning rates, halved by every recovery.
-    pub(super) fn caution(&self) -> f32 {
+    pub(super) fn rate_factor(&self) -> f32 {
         0.5f32.powi(self.recoveries as i32)
     }
 

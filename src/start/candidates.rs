@@ -53,7 +53,7 @@ pub fn gauss_shape(
     let surface = |resolution: usize| -> Result<TriangleMesh, Error> {
         let grid = TetGrid::working_frame(resolution)?;
         let options = NarrowBandOptions { seeds: points, ..Default::default() };
-        Ok(extract(&grid, &mut |x| Ok(gauss.sdf(x)), &options)?.keep_large(MIN_PART))
+        Ok(extract(&grid, &mut |x| Ok(gauss.value(x)), &options)?.keep_large(MIN_PART))
     };
     let (coarse, few) = GAUSS_RESOLUTION;
     let usual = if points.len() <= few { coarse } else { GAUSS_FINE_RESOLUTION };
@@ -180,7 +180,7 @@ pub fn plate_shapes(
     let spacing = spacing(points);
     let surface = |(plate, tree, rough): (&ThinPlate, &TriangleBvh, &TriangleMesh)| {
         let mut eval = |x: &[[f32; 3]]| {
-            let mut values = plate.sdf(x);
+            let mut values = plate.value(x);
             let (nearest, dist_sq) = nearest_points(x, points);
             let (from, to) = TRUST;
             values.par_iter_mut().enumerate().for_each(|(i, value)| {

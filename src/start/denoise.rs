@@ -28,7 +28,7 @@ const SURE: f64 = 3.0;
 /// for 0.01 (of 28).
 const NEGLIGIBLE: f64 = 3e-3;
 /// The least slope that is believed, so that no place has the density 0. Not tuned.
-const LEAST_SLOPE: f64 = 0.05;
+const MIN_SLOPE: f64 = 0.05;
 /// How often normals are found anew for the plate that was chosen with the last ones.
 const ROUNDS: usize = 4;
 /// The median of the square of a standard normal number.
@@ -128,7 +128,7 @@ fn within(mut candidates: impl Iterator<Item = Denoised>, noise: f64) -> Option<
 /// The points moved onto the surface of a plate, whose gradients are found near the given ones (3 n, unit).
 fn on_surface(system: &System, points: &[[f32; 3]], centres: &[[f64; 3]], gradients: Vec<f64>) -> Denoised {
     let gradients = system.least_bending(gradients);
-    let values = system.interpolant(centres, &gradients).sdf(points);
+    let values = system.interpolant(centres, &gradients).value(points);
     // Unit gradients: f is how far a point is from the surface, to first order.
     let moved = points.iter().zip(&values).zip(gradients.as_chunks::<3>().0);
     let moved = moved.map(|((p, &f), g)| std::array::from_fn(|k| p[k] - f * g[k] as f32)).collect();
@@ -152,7 +152,7 @@ fn log_densities(forecasts: &[Forecast]) -> Vec<f64> {
     let square = |f: &Forecast| f.error.powi(2) / f.variance;
     let amplitude = forecasts.iter().map(square).sum::<f64>() / forecasts.len() as f64;
     let value = |f: &Forecast| -0.5 * ((amplitude * f.variance).ln() + square(f) / amplitude);
-    forecasts.iter().map(|f| value(f) + f.slope.max(LEAST_SLOPE).ln()).collect()
+    forecasts.iter().map(|f| value(f) + f.slope.max(MIN_SLOPE).ln()).collect()
 }
 
 /// Which row of forecasts (rows by smoothing, the first without, columns by point) to take, if not the first: the least
@@ -279,7 +279,7 @@ mod tests {
         let row = uneven(0.0);
         let log_density = |f: &Forecast, amplitude: f64| {
             let variance = amplitude * f.variance;
-            -0.5 * (variance.ln() + f.error.powi(2) / variance) + f.slope.max(LEAST_SLOPE).ln()
+            -0.5 * (variance.ln() + f.error.powi(2) / variance) + f.slope.max(MIN_SLOPE).ln()
         };
         let best = row.iter().map(|f| f.error.powi(2) / f.variance).sum::<f64>() / 39.0;
         for (f, got) in row.iter().zip(log_densities(&row)) {

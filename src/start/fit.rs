@@ -17,7 +17,7 @@ const BATCH: usize = 2048;
 /// Standard deviations of the points from a surface of usual area, near and farther.
 const SPREADS: [f32; 2] = [0.015, 0.08];
 /// What they are multiplied by for the smallest surfaces.
-const LEAST_SPREAD: f64 = 0.25;
+const MIN_SPREAD: f64 = 0.25;
 /// Weight of |grad g - n|^2 beside |g - d|.
 const NORMAL_WEIGHT: f32 = 0.01;
 
@@ -65,7 +65,7 @@ impl ShapeFit {
         let surface = sample_surface(mesh, POOL, seed)?;
         let tree = TriangleBvh::new(mesh)?;
         // The smaller the surface, the thinner its parts.
-        let scale = (mesh.topology().area / USUAL_AREA).sqrt().clamp(LEAST_SPREAD, 1.0) as f32;
+        let scale = (mesh.topology().area / USUAL_AREA).sqrt().clamp(MIN_SPREAD, 1.0) as f32;
         let mut place = |(i, p): (usize, &[f32; 3])| -> [f32; 3] {
             // Two fifths close by, two fifths farther, one fifth anywhere.
             let spread = scale * SPREADS[i % 2];

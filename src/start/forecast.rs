@@ -74,11 +74,11 @@ mod tests {
                 rest.remove(i);
                 along.drain(3 * i..3 * i + 3);
                 let without = of(&rest).interpolant(&rest, &along);
-                let want = f64::from(without.sdf(&points[i..=i])[0].abs());
+                let want = f64::from(without.value(&points[i..=i])[0].abs());
                 let shifted = |k: usize, step: f32| {
                     let mut p = points[i];
                     p[k] += step;
-                    without.sdf(&[p])[0]
+                    without.value(&[p])[0]
                 };
                 let slope =
                     (0..3).map(|k| ((shifted(k, 1e-3) - shifted(k, -1e-3)) / 2e-3).powi(2)).sum::<f32>();

@@ -18,7 +18,7 @@ use rayon::prelude::*;
 /// and 0.0021 from 3,000, on 96 cubes.
 const MAX_SOURCES: usize = 1500;
 /// Points closer than the working frame can tell apart have no spacing; a kernel is at least this wide.
-const LEAST_WIDTH: f64 = 1e-6;
+const MIN_WIDTH: f64 = 1e-6;
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
 /// Sources whose kernels are in memory at the same time while the system is built.
@@ -62,7 +62,7 @@ impl GaussField {
         };
         let n = points.len();
         let widths: Vec<f64> =
-            spacing(points).iter().map(|s| (f64::from(width) * s).max(LEAST_WIDTH)).collect();
+            spacing(points).iter().map(|s| (f64::from(width) * s).max(MIN_WIDTH)).collect();
 
         // A is n x 3n; its columns hold the kernel of one source at all points. A A^T is summed over slabs of sources.
         let places: [Vec<f64>; 3] = std::array::from_fn(|d| points.iter().map(|p| f64::from(p[d])).collect());
@@ -103,14 +103,14 @@ impl GaussField {
         });
         let mut field = GaussField { sources, level: 0.0 };
         // The level that runs through the middle of the points; regularisation lets it sink below 1/2.
-        let mut values = field.sdf(points);
+        let mut values = field.value(points);
         values.sort_by(f32::total_cmp);
         field.level = -values[n / 2];
         Ok(field)
     }
 
     /// level - chi(x) for every point (n x 3): negative inside, zero on the guessed surface. Not a distance.
-    pub fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+    pub fn value(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut out = vec![0.0; points.len()];
         out.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).for_each(|(out, points)| {
             for (out, x) in out.iter_mut().zip(points) {
@@ -214,7 +214,7 @@ mod tests {
         for (radius, sign) in [(0.0, -1.0), (0.2, -1.0), (0.4, -1.0), (0.6, 1.0), (0.9, 1.0)] {
             let probes: Vec<[f32; 3]> =
                 fibonacci_sphere(20).into_iter().map(|p| p.map(|x| radius * x)).collect();
-            assert!(field.sdf(&probes).iter().all(|v| v * sign > 0.0), "radius {radius}");
+            assert!(field.value(&probes).iter().all(|v| v * sign > 0.0), "radius {radius}");
         }
     }
 
@@ -253,7 +253,7 @@ mod tests {
                 assert_eq!(n, 1, "one point has no spacing");
                 continue;
             };
-            for (got, want) in field.sdf(&probes).iter().zip(naive(&points, 0.5, 0.05, &probes)) {
+            for (got, want) in field.value(&probes).iter().zip(naive(&points, 0.5, 0.05, &probes)) {
                 let chi = f64::from(field.level - got);
                 assert!((chi - want).abs() < 1e-3 * want.abs().max(0.1), "{n} points: {chi} is not {want}");
             }
@@ -265,7 +265,7 @@ mod tests {
         let sphere = fibonacci_sphere(900);
         let field = GaussField::fit_thinned(&sphere, 0.5, 0.05, 0, 300).unwrap();
         assert_eq!(field.sources[0].len(), 300);
-        assert!(field.sdf(&[[0.0; 3]])[0] < 0.0);
+        assert!(field.value(&[[0.0; 3]])[0] < 0.0);
     }
 
     #[test]

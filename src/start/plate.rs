@@ -95,7 +95,7 @@ impl ThinPlate {
     }
 
     /// f at every point (m x 3): negative inside, zero at the centres, and near them about the signed distance.
-    pub fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+    pub fn value(&self, points: &[[f32; 3]]) -> Vec<f32> {
         let mut out = vec![0.0; points.len()];
         out.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).for_each(|(out, points)| {
             for (out, x) in out.iter_mut().zip(points) {
@@ -345,7 +345,7 @@ mod tests {
             assert!(cos > 0.9, "the normal is off: {cos}");
         }
         let probes = sphere(40, 0.4);
-        for (got, x) in plate.sdf(&probes).iter().zip(&probes) {
+        for (got, x) in plate.value(&probes).iter().zip(&probes) {
             let want = naive(&plate, x.map(f64::from)).0;
             assert!((f64::from(*got) - want).abs() < 1e-6 * want.abs().max(1.0), "{got} is not {want}");
         }
@@ -355,7 +355,7 @@ mod tests {
     fn even_points_are_missed_by_little() {
         let points = sphere(300, 0.5);
         let plate = ThinPlate::fit(&points, &sphere(300, 1.0), 0).unwrap();
-        let worst = plate.sdf(&points).into_iter().fold(0.0f32, |m, f| m.max(f.abs()));
+        let worst = plate.value(&points).into_iter().fold(0.0f32, |m, f| m.max(f.abs()));
         assert!(worst < 2e-5, "{worst}");
     }
 
@@ -367,9 +367,9 @@ mod tests {
         let both = ThinPlate::fit_each(&points, &[&right, &turned], 0).unwrap();
         let probes = sphere(30, 0.3);
         for (plate, normals) in both.iter().zip([&right, &turned]) {
-            assert_eq!(plate.sdf(&probes), ThinPlate::fit(&points, normals, 0).unwrap().sdf(&probes));
+            assert_eq!(plate.value(&probes), ThinPlate::fit(&points, normals, 0).unwrap().value(&probes));
         }
-        assert!(both[0].sdf(&probes)[0] < 0.0 && both[1].sdf(&probes)[0] > 0.0);
+        assert!(both[0].value(&probes)[0] < 0.0 && both[1].value(&probes)[0] > 0.0);
     }
 
     #[test]
@@ -383,7 +383,7 @@ mod tests {
         normals[7] = normals[7].map(|x| -x);
         let plate = ThinPlate::fit(&points, &normals, 0).unwrap();
         for radius in [0.3f32, 0.4, 0.5, 0.6] {
-            for f in plate.sdf(&sphere(50, radius)) {
+            for f in plate.value(&sphere(50, radius)) {
                 assert!((f - (radius - 0.45)).abs() < 0.02, "{f} at radius {radius}");
             }
         }
@@ -441,7 +441,7 @@ mod tests {
         let points = sphere(300, 0.45);
         let plate = ThinPlate::fit_thinned(&points, &[sphere(300, 1.0)], 0, 80).unwrap().pop().unwrap();
         assert_eq!(plate.centres[0].len(), 80);
-        assert!(plate.sdf(&[[0.0; 3]])[0] < 0.0);
+        assert!(plate.value(&[[0.0; 3]])[0] < 0.0);
         let error = ThinPlate::fit(&[[0.25; 3]; 6], &[[0.0, 0.0, 1.0]; 6], 0).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Data);
     }

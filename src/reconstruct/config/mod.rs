@@ -36,7 +36,7 @@ pub struct Start {
     /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings; 0 takes of 0.25,
     /// 0.5 and 1 the one that leads to the shape that fits the points best, or 0.5 for clouds of more than 1,024
     /// points. Default 0.
-    pub width: f32,
+    pub dipole_radius: f32,
     /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
     /// Steps of the regression. Default 400.
@@ -83,7 +83,7 @@ pub struct Weights {
     /// The mean squared uniform Laplacian of the extracted mesh.
     pub laplacian: f32,
     /// The mean of |g| on the cloud.
-    pub points: f32,
+    pub on_points: f32,
     /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
     /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
     pub pull: f32,
@@ -191,11 +191,11 @@ pub struct Config {
 }
 
 /// The highest frequency of the field's encoding.
-pub(in crate::reconstruct) const MOST_FREQUENCY: f32 = 1000.0;
+pub(in crate::reconstruct) const MAX_FREQUENCY: f32 = 1000.0;
 /// The most steps of a stage or phase.
-pub(in crate::reconstruct) const MOST_STEPS: usize = 10_000_000;
+pub(in crate::reconstruct) const MAX_STEPS: usize = 10_000_000;
 /// The most samples on the surface.
-pub(in crate::reconstruct) const MOST_DRAWN: usize = 10_000_000;
+pub(in crate::reconstruct) const MAX_DRAWN: usize = 10_000_000;
 
 impl Config {
     /// The steps of a phase; none without `stages`. A sphere needs no start, and without a parameterization, or one
@@ -251,7 +251,7 @@ impl Config {
         positive("field.frequency", f.frequency, 1000.0)?;
         let highest = f.frequency * octave_factor(f.octaves.saturating_sub(1));
         let advice = "lower field.frequency or field.octaves: frequency 2^(octaves - 1) may be at most 1000";
-        check("field.octaves", f.octaves == 0 || highest <= MOST_FREQUENCY, f.octaves, advice)?;
+        check("field.octaves", f.octaves == 0 || highest <= MAX_FREQUENCY, f.octaves, advice)?;
         positive("field.radius", f.radius, 0.57)?;
         if let Activation::Softplus { beta } = f.activation {
             positive("field.activation", beta, 1e6)?;
@@ -279,16 +279,21 @@ impl Config {
         within("bsp.neighbours", b.neighbours, 1, 256)?;
         within("bsp.patch", b.patch, 1, 256)?;
         within("bsp.reach", b.reach, 0, 4096)?;
-        positive("bsp.sphere", b.sphere, 100.0)?;
+        positive("bsp.code_density", b.code_density, 100.0)?;
         let advice = "set bsp.layout = true and bsp.average_positions = false (and bsp.slack = 1, as the preset paper), \
                       or bsp.charts = false";
         check("bsp.charts", !b.charts || (b.layout && !b.average_positions), b.charts, advice)?;
         check("bsp.slack", (0.0..=100.0).contains(&b.slack), b.slack, "use a number from 0 to 100")?;
-        check("bsp.sheets", (0.0..=100.0).contains(&b.sheets), b.sheets, "use a number from 0 to 100")?;
+        check(
+            "bsp.normal_weight",
+            (0.0..=100.0).contains(&b.normal_weight),
+            b.normal_weight,
+            "use a number from 0 to 100",
+        )?;
         if let Parameterization::Multiple { maps } = self.parameterization {
             within("parameterization", maps, 2, 256)?;
         }
-        not_negative("start.width", f64::from(self.start.width))?;
+        not_negative("start.dipole_radius", f64::from(self.start.dipole_radius))?;
         not_negative("start.regularity", self.start.regularity)?;
         not_negative("reference_area", self.reference_area)?;
         positive("start.rate", self.start.rate, 1.0)?;
@@ -306,7 +311,7 @@ impl Config {
             ("weights.surf", w.surf),
             ("weights.eikonal", w.eikonal),
             ("weights.laplacian", w.laplacian),
-            ("weights.points", w.points),
+            ("weights.on_points", w.on_points),
             ("weights.pull", w.pull),
             ("weights.cover", w.cover),
             ("weights.bridge", w.bridge),
@@ -318,13 +323,14 @@ impl Config {
                 "give a stage, such as stages = \"32:400\" (resolution:steps), or another start.shape";
             check("stages", self.start.shape != StartShape::Sphere, "no training of a sphere", advice)?;
         }
-        let drawn = w.deform + w.pull + w.cover + w.points;
-        let advice = "give weights.deform, weights.pull, weights.cover or weights.points a positive weight";
+        let drawn = w.deform + w.pull + w.cover + w.on_points;
+        let advice =
+            "give weights.deform, weights.pull, weights.cover or weights.on_points a positive weight";
         check("weights", drawn > 0.0, "nothing draws the surface to the points", advice)?;
         for stage in &self.stages {
             let fits = (4..=1024).contains(&stage.resolution);
             check("stages", fits, format!("resolution {}", stage.resolution), "use 4 to 1024 cubes")?;
-            let fits = (1..=MOST_STEPS).contains(&stage.steps);
+            let fits = (1..=MAX_STEPS).contains(&stage.steps);
             check("stages", fits, format!("{} steps", stage.steps), "use 1 to 10000000 steps")?;
         }
         let fits = w.deform_decay > 0.0 && w.deform_decay <= 1.0;
@@ -338,9 +344,9 @@ impl Config {
         not_negative("batch.thin", f64::from(self.batch.thin))?;
         within("batch.points", self.batch.points, 16, 1 << 24)?;
         within("batch.centres", self.batch.centres, 16, 1 << 20)?;
-        within("surface_samples", self.surface_samples, 0, MOST_DRAWN)?;
-        within("bsp.pretrain", self.bsp_pretrain, 0, MOST_STEPS)?;
-        within("start.steps", self.start.steps, 0, MOST_STEPS)?;
+        within("surface_samples", self.surface_samples, 0, MAX_DRAWN)?;
+        within("bsp.pretrain", self.bsp_pretrain, 0, MAX_STEPS)?;
+        within("start.steps", self.start.steps, 0, MAX_STEPS)?;
         not_negative("clip", self.clip)
     }
 }
@@ -433,12 +439,12 @@ mod tests {
             ("field.octaves", "18446744073709551615"),
             ("field.activation", "softplus:-1"),
             ("bsp.channels", "63"),
-            ("bsp.sphere", "NaN"),
+            ("bsp.code_density", "NaN"),
             ("bsp.patch", "0"),
             ("bsp.charts", "true"),
             ("bsp.slack", "-1"),
             ("weights.para", "-1"),
-            ("weights.points", "inf"),
+            ("weights.on_points", "inf"),
             ("stages", "2:100"),
             ("reference_area", "-1"),
             ("stages", "32:0"),

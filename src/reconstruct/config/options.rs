@@ -49,18 +49,18 @@ const ENTRIES: &[Entry] = entries! {
     "bsp.heads" => bsp.heads;
     "bsp.neighbours" => bsp.neighbours;
     "bsp.patch" => bsp.patch;
-    "bsp.sphere" => bsp.sphere;
+    "bsp.code_density" => bsp.code_density;
     "bsp.reach" => bsp.reach;
     "bsp.average_positions" => bsp.average_positions;
     "bsp.layout" => bsp.layout;
     "bsp.charts" => bsp.charts;
     "bsp.slack" => bsp.slack;
-    "bsp.sheets" => bsp.sheets;
+    "bsp.normal_weight" => bsp.normal_weight;
     "bsp.pretrain" => bsp_pretrain;
     "bsp.pretrain_on_shape" => bsp_pretrain_on_shape;
     "bsp.every" => bsp_every;
     "start.shape" => start.shape;
-    "start.width" => start.width;
+    "start.dipole_radius" => start.dipole_radius;
     "start.regularity" => start.regularity;
     "start.steps" => start.steps;
     "start.rate" => start.rate;
@@ -72,7 +72,7 @@ const ENTRIES: &[Entry] = entries! {
     "weights.surf" => weights.surf;
     "weights.eikonal" => weights.eikonal;
     "weights.laplacian" => weights.laplacian;
-    "weights.points" => weights.points;
+    "weights.on_points" => weights.on_points;
     "weights.pull" => weights.pull;
     "weights.cover" => weights.cover;
     "weights.bridge" => weights.bridge;
@@ -96,8 +96,13 @@ const ENTRIES: &[Entry] = entries! {
 };
 
 /// Names that options had in earlier versions, and those that they have now. [`Config::set`] refuses the old ones and
-/// says the new ones; saved files are read under both. None so far.
-pub(in crate::reconstruct) const RENAMED: &[(&str, &str)] = &[];
+/// says the new ones; saved files are read under both.
+pub(in crate::reconstruct) const RENAMED: &[(&str, &str)] = &[
+    ("bsp.sphere", "bsp.code_density"),
+    ("bsp.sheets", "bsp.normal_weight"),
+    ("start.width", "start.dipole_radius"),
+    ("weights.points", "weights.on_points"),
+];
 
 impl Config {
     /// Changes the option of a dotted name, such as `field.width` to `64` or `stages` to `32:200,64:100`.
@@ -108,7 +113,7 @@ impl Config {
     /// [`ErrorKind::Config`] if there is no such option or the text is no value of it; nothing has changed then.
     pub fn set(&mut self, key: &str, value: &str) -> Result<(), Error> {
         let Some(entry) = ENTRIES.iter().find(|e| e.key == key) else {
-            return Err(unknown(key, RENAMED));
+            return Err(unknown(key));
         };
         (entry.set)(self, value.trim()).map_err(|expected| {
             Error::new(ErrorKind::Config, format!("{value:?} is no value of it"))
@@ -124,9 +129,9 @@ impl Config {
 }
 
 /// The error for a key that no option has.
-fn unknown(key: &str, renamed: &[(&str, &str)]) -> Error {
+fn unknown(key: &str) -> Error {
     let error = Error::new(ErrorKind::Config, "there is no such option").at_element(format!("option {key}"));
-    if let Some((_, new)) = renamed.iter().find(|(old, _)| *old == key) {
+    if let Some((_, new)) = RENAMED.iter().find(|(old, _)| *old == key) {
         return error.advise(format!("it is called {new} now"));
     }
     match nearest_key(key) {
@@ -340,10 +345,10 @@ mod tests {
         let before = config.clone();
         let unknown = config.set("field.widht", "3").unwrap_err();
         assert_eq!(unknown.advice(), Some("did you mean field.width?"));
-        let renamed = super::unknown("bsp.spehre", &[("bsp.spehre", "bsp.density")]);
+        let renamed = config.set("bsp.sphere", "1").unwrap_err();
         assert_eq!(
             (renamed.kind(), renamed.advice()),
-            (ErrorKind::Config, Some("it is called bsp.density now"))
+            (ErrorKind::Config, Some("it is called bsp.code_density now"))
         );
         for (key, value) in [
             ("field.width", "-1"),

@@ -2,20 +2,20 @@
 
 use crate::field::octave_factor;
 use crate::reconstruct::Config;
-use crate::reconstruct::config::{MOST_DRAWN, MOST_FREQUENCY, MOST_STEPS};
+use crate::reconstruct::config::{MAX_DRAWN, MAX_FREQUENCY, MAX_STEPS};
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
 /// What grid resolutions grow by at most, and the resolution that the finest does not grow beyond.
-const MOST_RESOLUTION: (f64, f64) = (6.0, 192.0);
+const MAX_RESOLUTION: (f64, f64) = (6.0, 192.0);
 /// Width that the rule starts from, and the width that it does not make a field grow beyond; wider ones stay.
 const WIDTHS: (f64, usize) = (64.0, 128);
 /// Octaves that are added at most.
-const MOST_OCTAVES: usize = 3;
+const MAX_OCTAVES: usize = 3;
 /// What the numbers of steps grow by at most.
-const MOST_GROWTH: f64 = 2.0;
+const MAX_GROWTH: f64 = 2.0;
 /// What the number of samples on the surface grows by at most.
-const MOST_SAMPLES: f64 = 8.0;
+const MAX_SAMPLES: f64 = 8.0;
 /// Points that a patch attends to in larger clouds if it would attend to all otherwise.
 const LOCAL_REACH: usize = 16;
 
@@ -45,27 +45,27 @@ impl Config {
         }
         let s = n as f64 / USUAL_POINTS as f64;
         let longer = |steps: usize| {
-            let scaled = steps as f64 * s.powf(0.25).min(MOST_GROWTH);
-            (scaled.round() as usize).min(MOST_STEPS).max(steps)
+            let scaled = steps as f64 * s.powf(0.25).min(MAX_GROWTH);
+            (scaled.round() as usize).min(MAX_STEPS).max(steps)
         };
         let finest = self.stages.iter().map(|s| s.resolution).max().unwrap_or(1) as f64;
-        let (most, limit) = MOST_RESOLUTION;
+        let (most, limit) = MAX_RESOLUTION;
         let growth = s.sqrt().min(most).min(limit / finest).max(1.0);
         for stage in &mut self.stages {
             let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
             stage.resolution = scaled.max(stage.resolution);
             stage.steps = longer(stage.steps);
         }
-        let drawn = (self.surface_samples as f64 * s.min(MOST_SAMPLES)).round() as usize;
-        self.surface_samples = drawn.min(MOST_DRAWN);
+        let drawn = (self.surface_samples as f64 * s.min(MAX_SAMPLES)).round() as usize;
+        self.surface_samples = drawn.min(MAX_DRAWN);
         self.start.steps = longer(self.start.steps);
         let (usual, widest) = WIDTHS;
         let width = (usual * s.cbrt() / 16.0).round() as usize * 16;
         self.field.width = self.field.width.max(width.min(widest));
-        let finer = ((s.log2() / 2.0).round() as usize).min(MOST_OCTAVES);
+        let finer = ((s.log2() / 2.0).round() as usize).min(MAX_OCTAVES);
         for _ in 0..finer {
             let field = &mut self.field;
-            if field.octaves > 0 && field.frequency * octave_factor(field.octaves) <= MOST_FREQUENCY {
+            if field.octaves > 0 && field.frequency * octave_factor(field.octaves) <= MAX_FREQUENCY {
                 field.octaves += 1;
             }
         }
@@ -127,12 +127,12 @@ mod tests {
         let mut config = Config::preset(Preset::Default);
         config.field.octaves = 9;
         config.field.frequency = 3.9;
-        config.stages = vec![Stage { resolution: 256, steps: MOST_STEPS }];
-        config.surface_samples = MOST_DRAWN;
+        config.stages = vec![Stage { resolution: 256, steps: MAX_STEPS }];
+        config.surface_samples = MAX_DRAWN;
         config.validate().unwrap();
         let scaled = config.for_points(1 << 24);
         scaled.validate().unwrap();
-        assert_eq!(scaled.stages, [Stage { resolution: 256, steps: MOST_STEPS }]);
+        assert_eq!(scaled.stages, [Stage { resolution: 256, steps: MAX_STEPS }]);
         assert_eq!(scaled.field.octaves, 9);
     }
 

@@ -95,7 +95,7 @@ impl Trainer {
         // A rate that falls fits the first shape better and ends worse (0.066 for 0.062): with the webs between fingers
         // and the like, which are not so sharp otherwise, and which the training does not take back.
         let schedule = Schedule { warmup: steps / 20, ..Schedule::constant(self.config.start.rate) };
-        let field_rate = self.caution() * schedule.rate_at(self.step, steps);
+        let field_rate = self.rate_factor() * schedule.rate_at(self.step, steps);
         self.field_adam.step(self.field.params_mut().values_mut(), &fit.gradients, field_rate);
         let report = StepReport { loss: fit.loss, field_rate, gradient_norm, ..self.blank_report() };
         self.step += 1;
@@ -131,7 +131,7 @@ impl Trainer {
         self.keep(step);
 
         let rate = self.config.bsp_rate.rate_at(step, self.config.steps_in(Phase::Pretrain));
-        let bsp_rate = self.caution() * rate;
+        let bsp_rate = self.rate_factor() * rate;
         if let (Some(map), Some(adam)) = (&mut self.map, &mut self.map_adam) {
             adam.step(map.params_mut().values_mut(), &gradients, bsp_rate);
         }

@@ -45,7 +45,7 @@ pub struct StepReport {
     /// The Laplacian of the mesh.
     pub laplacian: f32,
     /// The mean of |g| on the cloud.
-    pub points: f32,
+    pub on_points: f32,
     /// The pull of moved vertices to the target.
     pub pull: f32,
     /// The squared distance from the cloud to the surface.
@@ -74,7 +74,7 @@ impl StepReport {
             ("para", self.para),
             ("deform", self.deform),
             ("cover", self.cover),
-            ("points", self.points),
+            ("on_points", self.on_points),
             ("laplacian", self.laplacian),
             ("eikonal", self.eikonal),
             ("surf", self.surf),
@@ -177,7 +177,7 @@ impl Trainer {
         let band = band.as_ref().expect("refreshed first");
         tape.clear();
         let mut verts = band.verts.clone();
-        if self.config.weights.points > 0.0 || self.config.weights.eikonal > 0.0 {
+        if self.config.weights.on_points > 0.0 || self.config.weights.eikonal > 0.0 {
             verts.extend_from_slice(&view.points);
         }
         let without_bridges = verts.len();
@@ -273,7 +273,7 @@ impl Trainer {
             verts: &band.verts,
             faces: &iso.faces,
             field: at_verts,
-            cloud_sdf: (seen > v && self.config.weights.points > 0.0)
+            cloud_sdf: (seen > v && self.config.weights.on_points > 0.0)
                 .then(|| tape.slice_rows(all.sdf, v..seen)),
             bridges: (rows > seen).then(|| {
                 let depths = Tensor::from_vec(&[rows - seen, 1], self.bridges.depths.clone());
@@ -330,12 +330,12 @@ impl Trainer {
             surf: terms.surf,
             eikonal: terms.eikonal,
             laplacian: terms.laplacian,
-            points: terms.points,
+            on_points: terms.on_points,
             pull: terms.pull,
             cover: terms.cover,
             bridge: terms.bridge,
-            field_rate: self.caution() * field_rate.rate_at(step, total),
-            bsp_rate: self.caution() * bsp_rate.rate_at(step, total),
+            field_rate: self.rate_factor() * field_rate.rate_at(step, total),
+            bsp_rate: self.rate_factor() * bsp_rate.rate_at(step, total),
             gradient_norm: 0.0,
             active_verts: band.map_or(0, |b| b.verts.len()),
             surface_verts: self.work.iso.edges.len(),

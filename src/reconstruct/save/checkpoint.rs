@@ -462,9 +462,12 @@ mod tests {
         trainer.save_checkpoint(&path).unwrap();
 
         let mut other = tiny();
-        other.weights.points = 0.5;
+        other.weights.on_points = 0.5;
         let error = Trainer::resume(&path, &points, &other).err().unwrap();
-        assert_eq!((error.kind(), error.element()), (ErrorKind::Checkpoint, Some("option weights.points")));
+        assert_eq!(
+            (error.kind(), error.element()),
+            (ErrorKind::Checkpoint, Some("option weights.on_points"))
+        );
         assert_eq!(error.file(), Some(path.as_path()));
         let error = Trainer::resume(&path, &ball(51), &tiny()).err().unwrap();
         assert!(error.kind() == ErrorKind::Checkpoint && error.message().contains("another cloud"));

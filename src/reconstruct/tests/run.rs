@@ -39,7 +39,7 @@ fn the_paper_preset_takes_its_steps() {
             terms.push(r.para > 0.0 && r.deform > 0.0 && r.surf > 0.0);
             assert!((r.loss - (10.0 * r.para + r.deform + 0.01 * r.surf)).abs() < 1e-4 * r.loss);
             assert_eq!(
-                (r.eikonal, r.laplacian, r.points, r.pull, r.cover, r.bridge),
+                (r.eikonal, r.laplacian, r.on_points, r.pull, r.cover, r.bridge),
                 (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             );
         }
