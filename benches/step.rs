@@ -4,9 +4,8 @@ mod common;
 
 use bijective_sdf::autodiff::Tape;
 use bijective_sdf::bsp::{Bsp, BspConfig, Neighbourhood};
-use bijective_sdf::gdo::{
-    Activation, Deformation, Field, FieldConfig, FieldPass, FieldValues, FieldVars, deform,
-};
+use bijective_sdf::field::{Activation, Field, FieldConfig, FieldPass, FieldValues, FieldVars};
+use bijective_sdf::gdo::{Deformation, deform};
 use bijective_sdf::loss::{Direction, mean_abs};
 use bijective_sdf::optim::{Adam, AdamOptions};
 use bijective_sdf::tensor::Tensor;
@@ -66,13 +65,13 @@ fn bsp(c: &mut Criterion) {
             heads: 4,
             neighbours: 8,
             patch: 10,
-            sphere: 1.0,
+            code_density: 1.0,
             reach,
             average_positions,
             layout: false,
             charts: false,
             slack: 0.0,
-            sheets: 0.0,
+            normal_weight: 0.0,
         };
         let points = sphere(n, 0.5, 0.0, 1);
         let bsp = Bsp::new(config, &points, &mut rng(2));

@@ -48,7 +48,9 @@
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
 //! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).
-//! - [`gdo`]: the field g and its spatial gradient, the move of grid vertices, and the differentiable surface.
+//! - [`start`], [`finish`]: what comes before the training, the first shape, and after it, corrections at the points.
+//! - [`gdo`]: the move of grid vertices along the field, and the differentiable surface.
+//! - [`field`]: the field g and its spatial gradient.
 //! - [`loss`]: Chamfer distances and the other terms.
 //! - [`nn`], [`optim`]: layers with parameters; Adam and schedules.
 //! - [`ops`], [`autodiff`], [`tensor`]: operations with their gradients, the tape, and dense `f32` arrays.
@@ -57,20 +59,23 @@
 #![deny(missing_docs)]
 #![deny(unsafe_code)]
 
-mod atomic;
 pub mod autodiff;
 pub mod bsp;
 mod error;
 pub mod evaluate;
+pub mod field;
+pub mod finish;
 pub mod gdo;
 pub mod geometry;
 pub mod io;
+pub mod linalg;
 pub mod loss;
 pub mod nn;
 pub mod ops;
 pub mod optim;
 pub mod reconstruct;
 mod simd;
+pub mod start;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};

@@ -1,6 +1,6 @@
 //! The tape: values in the order they were computed, each with the operation that made it.
 
-use super::{At, Gradients, Op};
+use super::{At, Op};
 use crate::tensor::{Pool, Tensor};
 use std::sync::Arc;
 
@@ -9,8 +9,26 @@ use std::sync::Arc;
 pub struct Var(u32);
 
 impl Var {
-    pub(super) fn index(self) -> usize {
+    fn index(self) -> usize {
         self.0 as usize
+    }
+}
+
+/// Gradients of the leaves that asked for one.
+#[derive(Debug, Default)]
+pub struct Gradients {
+    of: Vec<Option<Tensor>>,
+}
+
+impl Gradients {
+    /// The gradient at a leaf; `None` if it did not ask for one or the seeds do not depend on it.
+    pub fn get(&self, var: Var) -> Option<&Tensor> {
+        self.of.get(var.index()).and_then(Option::as_ref)
+    }
+
+    /// Takes the gradient at a leaf out.
+    pub fn take(&mut self, var: Var) -> Option<Tensor> {
+        self.of.get_mut(var.index()).and_then(Option::take)
     }
 }
 
@@ -183,7 +201,7 @@ impl Tape {
     pub fn backward(&self, loss: Var) -> Gradients {
         let value = self.value(loss);
         assert!(value.len() == 1, "backward: loss of shape {:?}, one element expected", value.shape());
-        let mut seed = value.dirty(value.dims());
+        let mut seed = value.uninit_like(value.dims());
         seed.data_mut()[0] = 1.0;
         self.pull([(loss, seed)])
     }

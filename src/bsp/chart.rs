@@ -7,6 +7,7 @@
 
 use super::BspConfig;
 use crate::autodiff::{At, Op, Tape, Var};
+use crate::geometry::vec3::{dot, sub};
 use crate::tensor::Tensor;
 use nalgebra::{Matrix3, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::sync::Arc;
@@ -49,7 +50,7 @@ impl Chart {
 
     /// (x, y) of a code.
     fn local(&self, p: &[f32; 3]) -> (f32, f32) {
-        let step: [f32; 3] = std::array::from_fn(|d| p[d] - self.code[d]);
+        let step = sub(*p, self.code);
         let [x, y] = self.code_axes.map(|axis| self.scale * dot(step, axis));
         (x, y)
     }
@@ -177,10 +178,6 @@ fn span(n: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (t1, n.cross(&t1))
 }
 
-fn dot(a: [f32; 3], b: [f32; 3]) -> f32 {
-    (0..3).map(|d| a[d] * b[d]).sum()
-}
-
 /// The charts of all points of a cloud with their codes (n x 3); `near` lists for each point k others from near to far
 /// (n k), and possibly itself, which is left out.
 pub(super) fn charts(
@@ -211,7 +208,7 @@ struct Place {
 impl Op<1> for Place {
     type Saved = ();
     fn forward(&self, [p]: [&Tensor; 1]) -> (Tensor, ()) {
-        let mut s = p.dirty(p.dims());
+        let mut s = p.uninit_like(p.dims());
         let rows = s.data_mut().as_chunks_mut::<3>().0.iter_mut().zip(p.data().as_chunks::<3>().0);
         for (r, (s, p)) in rows.enumerate() {
             *s = self.charts[r / self.patch].place(p);
@@ -219,7 +216,7 @@ impl Op<1> for Place {
         (s, ())
     }
     fn vjp(&self, at: At<'_, 1, ()>, ds: &Tensor) -> [Option<Tensor>; 1] {
-        let mut dp = ds.dirty(ds.dims());
+        let mut dp = ds.uninit_like(ds.dims());
         let inputs = at.x[0].data().as_chunks::<3>().0.iter().zip(ds.data().as_chunks::<3>().0);
         for (r, (dp, (p, ds))) in dp.data_mut().as_chunks_mut::<3>().0.iter_mut().zip(inputs).enumerate() {
             *dp = self.charts[r / self.patch].pull(p, ds);
@@ -255,7 +252,7 @@ mod tests {
     fn of_sphere(n: usize, radius: f32) -> (Vec<[f32; 3]>, Vec<Chart>, f32) {
         let codes = fibonacci_sphere(n);
         let points: Vec<[f32; 3]> = codes.iter().map(|u| u.map(|x| radius * x)).collect();
-        let config = BspConfig { sphere: 1.0, ..super::super::tests::small(0, false) };
+        let config = BspConfig { code_density: 1.0, ..super::super::tests::small(0, false) };
         let near = KdTree::new(&points).k_nearest(&points, FITTED + 1);
         let cap = cap_radius(config.patch, config.codes(n));
         (codes.clone(), charts(&points, &codes, None, &near, &config), cap)

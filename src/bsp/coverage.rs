@@ -5,7 +5,8 @@
 //! map (far codes in one place).
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{KdTree, distinct_places, nearest_points, usable};
+use crate::geometry::vec3::distance_sq;
+use crate::geometry::{KdTree, distinct_places, mean_distances, nearest_points, usable};
 use rayon::prelude::*;
 
 /// Points of S that are equal when rounded to multiples of this, in the working frame, are one place.
@@ -13,7 +14,7 @@ const PLACE: f64 = 1e-4;
 /// Codes are far apart from so many radii of a cap with each point's share of the sphere on.
 const FAR: f64 = 5.0;
 /// Points of S whose near pairs are looked at, about; of more, every second, third, ... is taken.
-const MOST_LOOKED_AT: usize = 4096;
+const MAX_LOOKED_AT: usize = 4096;
 
 /// The codes of a whole cloud and of its patches, and the sphere that they are of.
 #[derive(Clone, Debug, PartialEq)]
@@ -202,20 +203,14 @@ fn near_pairs(points: &[[f32; 3]], surface: &[[f32; 3]], codes: &[[f32; 3]]) -> 
         return [0; 2];
     }
     let patch = surface.len() / n;
-    let others = KdTree::new(points).k_nearest(points, 2);
-    let spacing = |i: usize| {
-        let pair = &others[2 * i..2 * i + 2];
-        // Among points at one place the nearest may come before the point itself.
-        let other = if pair[0] as usize == i { pair[1] } else { pair[0] };
-        dist_sq(points[i], points[other as usize]).sqrt() as f32
-    };
+    let spacing = mean_distances(points, 1);
     let far_sq = (2.0 * FAR / (n as f64).sqrt()).powi(2);
     let tree = KdTree::new(surface);
-    let step = surface.len().div_ceil(MOST_LOOKED_AT);
+    let step = surface.len().div_ceil(MAX_LOOKED_AT);
     let of = |i: usize| {
-        let near = tree.within(surface[i], spacing(i / patch)).into_iter().map(|(j, _)| j as usize);
+        let near = tree.within(surface[i], spacing[i / patch] as f32).into_iter().map(|(j, _)| j as usize);
         let near: Vec<usize> = near.filter(|&j| j != i).collect();
-        let folded = near.iter().filter(|&&j| dist_sq(codes[i], codes[j]) > far_sq).count();
+        let folded = near.iter().filter(|&&j| distance_sq(codes[i], codes[j]) > far_sq).count();
         [near.len(), folded]
     };
     // Whole numbers, so their sum does not depend on the order.
@@ -224,10 +219,6 @@ fn near_pairs(points: &[[f32; 3]], surface: &[[f32; 3]], codes: &[[f32; 3]]) -> 
         .step_by(step)
         .map(of)
         .reduce(|| [0; 2], |a, b| [a[0] + b[0], a[1] + b[1]])
-}
-
-fn dist_sq(a: [f32; 3], b: [f32; 3]) -> f64 {
-    (0..3).map(|d| f64::from(a[d] - b[d]).powi(2)).sum()
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::{BspConfig, Neighbourhood, chart};
 use crate::autodiff::{Tape, Var};
+use crate::geometry::mean_distances;
 use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
 use rand::rngs::ChaCha8Rng;
 
@@ -110,14 +111,7 @@ fn mean_spacing(points: &[[f32; 3]]) -> f32 {
     if points.len() < 2 {
         return 0.0;
     }
-    let tree = crate::geometry::KdTree::new(points);
-    let nearest = tree.k_nearest(points, 2);
-    let distance = |(i, pair): (usize, &[u32])| {
-        let j = if pair[0] as usize == i { pair[1] } else { pair[0] };
-        let (a, b) = (points[i], points[j as usize]);
-        (0..3).map(|d| f64::from(a[d] - b[d]).powi(2)).sum::<f64>().sqrt()
-    };
-    (nearest.chunks_exact(2).enumerate().map(distance).sum::<f64>() / points.len() as f64) as f32
+    (mean_distances(points, 1).iter().sum::<f64>() / points.len() as f64) as f32
 }
 
 #[cfg(test)]
@@ -140,7 +134,7 @@ mod tests {
         let q = tape.constant(Tensor::from_points(&points));
         let codes: Vec<[f32; 3]> = points.iter().flat_map(|&u| [u; 3]).collect();
         let codes = tape.constant(Tensor::from_points(&codes));
-        let block = Neighbourhood::whole(&points, None, &BspConfig { sheets: 0.0, ..config });
+        let block = Neighbourhood::whole(&points, None, &BspConfig { normal_weight: 0.0, ..config });
         let s = psi.forward(&mut tape, &p, features, q, codes, &block);
         for (i, s) in tape.value(s).to_points().iter().enumerate() {
             let centre = points[i / 3];

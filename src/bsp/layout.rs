@@ -3,6 +3,7 @@
 //! Phi's head alone starts with all codes in one spot, and nothing in the paper's losses spreads them. The layout is
 //! what the head's output is added to ([`Canonical`](super::Canonical)).
 
+use crate::geometry::vec3::{dot, sub};
 use crate::geometry::{KdTree, fibonacci_sphere};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
@@ -66,7 +67,7 @@ pub(super) fn spherical_layout(points: &[[f32; 3]], neighbours: &[u32]) -> Vec<[
             .map(|i| {
                 let u = codes[i];
                 let push = near[i * around..(i + 1) * around].iter().fold([0.0f32; 3], |push, &j| {
-                    let away: [f32; 3] = std::array::from_fn(|d| u[d] - codes[j as usize][d]);
+                    let away = sub(u, codes[j as usize]);
                     let distance = length(away);
                     let strength = (1.0 - distance / (RANGE * spacing)).max(0.0) / distance.max(1e-6);
                     std::array::from_fn(|d| push[d] + strength * away[d])
@@ -108,7 +109,7 @@ fn projected(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
 }
 
 fn length(v: [f32; 3]) -> f32 {
-    v.iter().map(|x| x * x).sum::<f32>().sqrt()
+    dot(v, v).sqrt()
 }
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {

@@ -39,7 +39,7 @@ pub struct BspConfig {
     pub patch: usize,
     /// Codes on the whole sphere, as a multiple of N M. About 1 lets the patches tile it; the authors' code has 50,000
     /// codes for 300 points, a multiple of 17, whose patches are much smaller than the gaps between points.
-    pub sphere: f32,
+    pub code_density: f32,
     /// Points whose features a patch attends to: the nearest in space to its centre. 0 for all of them, as in the
     /// paper, at a cost of N^2 M; N is the same as 0 but for the order of sums.
     pub reach: usize,
@@ -58,15 +58,15 @@ pub struct BspConfig {
     /// S need not lie on the points to be a surface through them. 0 as in the paper; has no effect without `charts`.
     pub slack: f32,
     /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
-    /// (from the field's first shape): sqrt(|p - q|^2 + (sheets s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S
+    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S
     /// from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
-    pub sheets: f32,
+    pub normal_weight: f32,
 }
 
 impl BspConfig {
     /// Codes on the whole sphere for a cloud of n points.
     pub fn codes(&self, n: usize) -> usize {
-        let codes = (f64::from(self.sphere) * n as f64 * self.patch as f64).ceil() as usize;
+        let codes = (f64::from(self.code_density) * n as f64 * self.patch as f64).ceil() as usize;
         codes.clamp(self.patch, MAX_CODES.max(self.patch))
     }
 }
@@ -175,13 +175,13 @@ mod tests {
             heads: 2,
             neighbours: 4,
             patch: 3,
-            sphere: 1.0,
+            code_density: 1.0,
             reach,
             average_positions,
             layout: false,
             charts: false,
             slack: 0.0,
-            sheets: 1.5,
+            normal_weight: 1.5,
         }
     }
 

@@ -62,14 +62,14 @@ impl Laid {
 
 impl Neighbourhood {
     /// The whole cloud, `points` (n x 3); with unit `normals` (n x 3), neighbours are those on the same sheet first
-    /// (see [`BspConfig::sheets`]).
+    /// (see [`BspConfig::normal_weight`]).
     ///
     /// # Panics
     /// If the cloud is empty, or there is not one normal a point.
     #[track_caller]
     pub fn whole(points: &[[f32; 3]], normals: Option<&[[f32; 3]]>, config: &BspConfig) -> Self {
         let n = points.len();
-        let finder = SheetFinder::new(points, normals, config.sheets);
+        let finder = SheetFinder::new(points, normals, config.normal_weight);
         let context: Vec<u32> = (0..n as u32).collect();
         let reach =
             (config.reach > 0 && config.reach < n).then(|| finder.k_nearest(&context, config.reach).into());
@@ -124,7 +124,7 @@ impl Neighbourhood {
         if points.len() <= size {
             return vec![Self::whole(points, normals, config)];
         }
-        let finder = SheetFinder::new(points, normals, config.sheets);
+        let finder = SheetFinder::new(points, normals, config.normal_weight);
         let laid = Laid::of(points, normals, &finder, config);
         let mut parts = Vec::new();
         split((0..points.len() as u32).collect(), points, size, &mut parts);
@@ -166,7 +166,7 @@ impl Neighbourhood {
         let pick = |all: &[[f32; 3]]| context.iter().map(|&i| all[i as usize]).collect::<Vec<_>>();
         let (places, normals) = (pick(points), normals.map(pick));
         let others: Vec<u32> = (b as u32..context.len() as u32).collect();
-        let within = SheetFinder::new(&places, normals.as_deref(), config.sheets);
+        let within = SheetFinder::new(&places, normals.as_deref(), config.normal_weight);
         let neighbours =
             own.iter().map(|&point| row[point as usize]).chain(within.k_nearest(&others, k)).collect();
         let reach = (reach > 0).then(|| {
@@ -253,7 +253,7 @@ mod tests {
             let turned = normal(&[n, 3], 7).to_points();
             for (size, normals) in [3, 16, 200].into_iter().flat_map(|s| [(s, None), (s, Some(&turned[..]))])
             {
-                let finder = SheetFinder::new(&points, normals, config.sheets);
+                let finder = SheetFinder::new(&points, normals, config.normal_weight);
                 let blocks = Neighbourhood::blocks(&points, normals, &config, size);
                 let mut all: Vec<u32> = blocks.iter().flat_map(|b| b.centres().to_vec()).collect();
                 all.sort_unstable();

@@ -1,6 +1,7 @@
 //! Nearest points on the same sheet of a surface.
 
 use crate::geometry::KdTree;
+use crate::geometry::vec3::dist_sq;
 
 /// The neighbour whose distance counts as the local spacing.
 const SPACING_NEIGHBOUR: usize = 6;
@@ -61,10 +62,6 @@ impl<'a> SheetFinder<'a> {
         }
         out
     }
-}
-
-fn dist_sq(a: [f32; 3], b: [f32; 3]) -> f32 {
-    (0..3).map(|d| (a[d] - b[d]) * (a[d] - b[d])).sum()
 }
 
 #[cfg(test)]

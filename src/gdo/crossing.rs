@@ -25,7 +25,7 @@ impl Op<2> for EdgeCrossing {
             s.shape()
         );
         let (points, values) = (x.data().as_chunks::<3>().0, s.data());
-        let mut y = x.dirty(&[self.edges.len(), 3]);
+        let mut y = x.uninit_like(&[self.edges.len(), 3]);
         let mut saved = Vec::with_capacity(self.edges.len());
         for (out, &[a, b]) in y.data_mut().as_chunks_mut::<3>().0.iter_mut().zip(self.edges.iter()) {
             let (a, b) = (a as usize, b as usize);

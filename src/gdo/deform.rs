@@ -1,7 +1,7 @@
 //! Moving the grid's vertices along the field (equation 4 of the paper).
 
-use super::FieldVars;
 use crate::autodiff::{Tape, Var};
+use crate::field::FieldVars;
 
 /// How a vertex V moves, given g(V) and n = grad g / |grad g|.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -1,35 +1,9 @@
-//! Grid deformation optimization: the field, the move of the grid's vertices along it, and the differentiable surface.
+//! Grid deformation optimization: the move of the grid's vertices along the field, and the differentiable surface.
 
-mod cholesky;
 mod crossing;
 mod deform;
-mod denoise;
-mod faces;
-mod field;
-mod finish;
-mod first_shapes;
-mod forecast;
-mod gauss;
-mod network;
-mod pass;
-mod plate_blend;
-mod residual;
-mod resolution;
-mod rows;
-mod shape_fit;
-mod thin_plate;
+mod samples;
 
 pub use deform::{Deformation, deform};
-pub use denoise::{DENOISED_POINTS, Denoised, denoise};
-pub(crate) use faces::FaceSamples;
-pub use faces::sample_faces;
-pub(crate) use field::octave_factor;
-pub use field::{Activation, Field, FieldConfig, FieldVars};
-pub use finish::{FINISHED_POINTS, Finish};
-pub use first_shapes::{best_fitting, gauss_shape, gauss_shapes, plate_shapes};
-pub use gauss::GaussField;
-pub(crate) use gauss::spacing;
-pub use pass::{FieldPass, FieldValues};
-pub use resolution::{USUAL_AREA, resolution_for_area};
-pub use shape_fit::{ShapeFit, ShapeFitStep};
-pub use thin_plate::ThinPlate;
+pub(crate) use samples::FaceSamples;
+pub use samples::sample_faces;

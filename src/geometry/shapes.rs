@@ -1,6 +1,6 @@
 //! Shapes with a known signed distance, to try things on.
 
-use super::sample::dot;
+use super::vec3::dot;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;

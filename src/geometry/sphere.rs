@@ -44,7 +44,7 @@ mod tests {
             let two = KdTree::new(&p).k_nearest(&p, 2);
             let spacing = (4.0 * PI / m as f64).sqrt();
             for i in 0..m {
-                let d = super::super::point_dist_sq(&p[i], &p[two[2 * i + 1] as usize]).sqrt();
+                let d = crate::geometry::vec3::dist_sq(p[i], p[two[2 * i + 1] as usize]).sqrt();
                 let d = f64::from(d) / spacing;
                 assert!((0.7..1.1).contains(&d), "m {m}, point {i}: {d} of the mean spacing");
             }

@@ -116,17 +116,6 @@ impl Format {
         matches!(self, Format::Ply | Format::Obj | Format::Stl | Format::Off)
     }
 
-    /// The format of a file whose name means `hint`, whose bytes may be packed with gzip.
-    ///
-    /// # Errors
-    ///
-    /// As [`read_cloud_bytes`](super::read_cloud_bytes) where the bytes cannot be unpacked or are of a format that is
-    /// not read.
-    pub fn of(bytes: &[u8], hint: Option<Format>) -> Result<Format, Error> {
-        let options = super::ReadOptions { hint, ..Default::default() };
-        super::choose(&super::unpacked(bytes)?, &options)
-    }
-
     /// The format of a file whose name means `hint`: what the content shows wins, and the name decides where the
     /// content fits several formats or none.
     pub fn from_content_and(bytes: &[u8], hint: Option<Format>) -> Option<Format> {

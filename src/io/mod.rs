@@ -32,6 +32,7 @@ use std::path::Path;
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 
+mod atomic;
 mod doubt;
 mod e57;
 mod fillers;
@@ -55,7 +56,7 @@ mod vtk;
 mod write;
 mod zip;
 
-pub use crate::atomic::write_atomic;
+pub use atomic::write_atomic;
 pub use foreign::name_file;
 pub use format::Format;
 pub use options::{Columns, Raw, ReadOptions};
@@ -267,6 +268,19 @@ fn unpacked(bytes: &[u8]) -> Result<Cow<'_, [u8]>, Error> {
         packed::gunzip(bytes).map(Cow::Owned)
     } else {
         Ok(Cow::Borrowed(bytes))
+    }
+}
+
+impl Format {
+    /// The format of a file whose name means `hint`, whose bytes may be packed with gzip.
+    ///
+    /// # Errors
+    ///
+    /// As [`read_cloud_bytes`](read_cloud_bytes) where the bytes cannot be unpacked or are of a format that is
+    /// not read.
+    pub fn of(bytes: &[u8], hint: Option<Format>) -> Result<Format, Error> {
+        let options = ReadOptions { hint, ..Default::default() };
+        choose(&unpacked(bytes)?, &options)
     }
 }
 

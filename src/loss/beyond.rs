@@ -31,7 +31,7 @@ impl Op<2> for Beyond {
             f64::from(step(a, &pb[j as usize], slack).2).powi(2)
         };
         let sum: f64 = pa.iter().zip(&index).zip(self.slack.iter()).map(square).sum();
-        let mut y = a.dirty(&[1, 1]);
+        let mut y = a.uninit_like(&[1, 1]);
         y.data_mut()[0] = (sum / pa.len() as f64) as f32;
         (y, index)
     }

@@ -76,7 +76,7 @@ impl Op<2> for Chamfer {
             || one_way(&ta, &tb, self.direction.forward),
             || one_way(&tb, &ta, self.direction.backward),
         );
-        let mut y = a.dirty(&[1, 1]);
+        let mut y = a.uninit_like(&[1, 1]);
         y.data_mut()[0] = (forward + backward) as f32;
         (y, Nearest { of_a, of_b })
     }

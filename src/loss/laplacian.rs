@@ -45,7 +45,7 @@ impl Op<1> for Laplacian {
                 sum += f64::from(*d) * f64::from(*d);
             }
         }
-        let mut y = x.dirty(&[1, 1]);
+        let mut y = x.uninit_like(&[1, 1]);
         y.data_mut()[0] = (sum / points.len().max(1) as f64) as f32;
         (y, (delta, degree))
     }

@@ -2,6 +2,7 @@
 
 use crate::autodiff::{Tape, Var};
 use crate::geometry::TriangleBvh;
+use crate::geometry::vec3::{dot, sub};
 
 /// The mean over the m points of the squared distance to the nearest point on the faces of a mesh.
 ///
@@ -44,8 +45,6 @@ pub fn surface_distance(
 fn barycentric(corners: [[f32; 3]; 3], p: [f32; 3]) -> [f32; 3] {
     let [a, b, c] = corners.map(|x| x.map(f64::from));
     let p = p.map(f64::from);
-    let sub = |x: [f64; 3], y: [f64; 3]| [x[0] - y[0], x[1] - y[1], x[2] - y[2]];
-    let dot = |x: [f64; 3], y: [f64; 3]| x[0] * y[0] + x[1] * y[1] + x[2] * y[2];
     let (e, f, d) = (sub(b, a), sub(c, a), sub(p, a));
     let (ee, ef, ff, de, df) = (dot(e, e), dot(e, f), dot(f, f), dot(d, e), dot(d, f));
     let det = ee * ff - ef * ef;

@@ -1,4 +1,4 @@
-//! Encodings of coordinates that let a network see fine detail. Nothing here is trained.
+//! An encoding of coordinates that lets a network see fine detail. Nothing here is trained.
 
 use super::init;
 use crate::autodiff::{Tape, Var};
@@ -6,55 +6,6 @@ use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
 use std::f32::consts::TAU;
 use std::sync::Arc;
-
-/// `[x, sin x, cos x, sin 2x, cos 2x, ..., sin 2^(o-1) x, cos 2^(o-1) x]`.
-///
-/// # Shapes
-/// n x c to n x c (1 + 2 o).
-///
-/// # Gradient
-/// Smooth; the output is kept.
-///
-/// # References
-/// Mildenhall et al. 2020, NeRF, equation 4, without the factor pi and with x itself kept.
-///
-/// ```
-/// use bijective_sdf::autodiff::Tape;
-/// use bijective_sdf::nn::Fourier;
-/// use bijective_sdf::tensor::Tensor;
-///
-/// let mut tape = Tape::new();
-/// let x = tape.constant(Tensor::scalar(0.5));
-/// let y = Fourier::new(2).forward(&mut tape, x);
-/// let hand = [0.5, 0.5f32.sin(), 0.5f32.cos(), 1f32.sin(), 1f32.cos()];
-/// assert!(tape.value(y).data().iter().zip(hand).all(|(a, b)| (a - b).abs() < 1e-6));
-/// ```
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Fourier {
-    octaves: usize,
-}
-
-impl Fourier {
-    /// An encoding of this many octaves; with none the input stays as it is.
-    pub fn new(octaves: usize) -> Self {
-        Fourier { octaves }
-    }
-
-    /// The number of octaves.
-    pub fn octaves(&self) -> usize {
-        self.octaves
-    }
-
-    /// The columns of the result for c columns of input.
-    pub fn width(&self, c: usize) -> usize {
-        c * (1 + 2 * self.octaves)
-    }
-
-    /// n x c to n x c (1 + 2 o).
-    pub fn forward(&self, tape: &mut Tape, x: Var) -> Var {
-        if self.octaves == 0 { x } else { tape.fourier(x, self.octaves) }
-    }
-}
 
 /// `[sin(2 pi x B), cos(2 pi x B)]` with a fixed normal matrix B.
 ///
@@ -110,16 +61,13 @@ mod tests {
 
     #[test]
     fn gradients_and_widths() {
-        let octaves = Fourier::new(3);
         let random = GaussianFourier::new(3, 8, 0.3, &mut ChaCha8Rng::seed_from_u64(1));
         let x = normal(&[5, 3], 2);
-        check(|t, x| octaves.forward(t, x[0]), std::slice::from_ref(&x), 1);
         check(|t, x| random.forward(t, x[0]), std::slice::from_ref(&x), 1);
         let mut t = Tape::new();
         let x = t.constant(x);
-        let (a, b) = (octaves.forward(&mut t, x), random.forward(&mut t, x));
-        assert_eq!((t.value(a).cols(), t.value(b).cols()), (octaves.width(3), random.width()));
-        assert_eq!(Fourier::new(0).forward(&mut t, x), x);
+        let b = random.forward(&mut t, x);
+        assert_eq!(t.value(b).cols(), random.width());
         for row in t.value(b).data().chunks_exact(8) {
             for i in 0..4 {
                 assert!((row[i].powi(2) + row[i + 4].powi(2) - 1.0).abs() < 1e-5);

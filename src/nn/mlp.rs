@@ -1,8 +1,7 @@
 //! Activations by name, and the multi-layer perceptron.
 
-use super::{Bound, Linear, Scope, init};
+use super::{Bound, Linear, Scope};
 use crate::autodiff::{Tape, Var};
-use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
 
 /// An activation, element by element.
@@ -27,20 +26,6 @@ impl Activation {
             Activation::Relu => tape.relu(x),
             Activation::Softplus { beta } => tape.softplus(x, beta),
             Activation::Tanh => tape.tanh(x),
-        }
-    }
-
-    /// The derivative at `x`, as a value on the tape that has a gradient itself.
-    pub fn derivative(self, tape: &mut Tape, x: Var) -> Var {
-        match self {
-            Activation::Relu => tape.relu_derivative(x),
-            Activation::Softplus { beta } => tape.softplus_derivative(x, beta),
-            Activation::Tanh => {
-                let y = tape.tanh(x);
-                let squared = tape.square(y);
-                let negated = tape.neg(squared);
-                tape.shift(negated, 1.0)
-            }
         }
     }
 }
@@ -97,52 +82,10 @@ impl Mlp {
         activation: Activation,
         rng: &mut ChaCha8Rng,
     ) -> Self {
-        Self::build(scope, widths, activation, |_, c_in, c_out| {
-            let bound = 1.0 / (c_in.max(1) as f32).sqrt();
-            (init::uniform(&[c_in, c_out], bound, rng), init::uniform(&[1, c_out], bound, rng))
-        })
-    }
-
-    /// A perceptron that starts as about |x| - `radius` of its first three inputs, for ReLU or a sharp softplus; the
-    /// other inputs (an encoding) start without influence.
-    ///
-    /// # Panics
-    /// If there are fewer than three widths, the first is less than 3 or the last is not 1.
-    ///
-    /// # References
-    /// Atzmon, Lipman 2020, SAL: sign agnostic learning, theorem 1.
-    #[track_caller]
-    pub fn geometric(
-        scope: &mut Scope<'_>,
-        widths: &[usize],
-        activation: Activation,
-        radius: f32,
-        rng: &mut ChaCha8Rng,
-    ) -> Self {
-        let fits = widths.len() >= 3 && widths[0] >= 3 && widths[widths.len() - 1] == 1;
-        assert!(fits, "mlp: a geometric start needs widths [3 or more, ..., 1], not {widths:?}");
-        Self::build(scope, widths, activation, |i, c_in, c_out| {
-            if i + 2 == widths.len() {
-                init::geometric_output(c_in, radius, rng)
-            } else {
-                let silent = if i == 0 { 3..c_in } else { 0..0 };
-                init::geometric_hidden(c_in, c_out, silent, rng)
-            }
-        })
-    }
-
-    #[track_caller]
-    fn build(
-        scope: &mut Scope<'_>,
-        widths: &[usize],
-        activation: Activation,
-        mut start: impl FnMut(usize, usize, usize) -> (Tensor, Tensor),
-    ) -> Self {
         assert!(widths.len() >= 2, "mlp: widths {widths:?}, at least an input and an output expected");
         let mut layers = Vec::with_capacity(widths.len() - 1);
         for (i, pair) in widths.windows(2).enumerate() {
-            let (weight, bias) = start(i, pair[0], pair[1]);
-            layers.push(Linear::from_tensors(&mut scope.scope(&format!("layer{i}")), weight, bias));
+            layers.push(Linear::new(&mut scope.scope(&format!("layer{i}")), pair[0], pair[1], rng));
         }
         Mlp { layers, activation }
     }
@@ -177,11 +120,7 @@ impl Mlp {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::nn::Params;
     use crate::nn::testing::Layer;
-    use crate::ops::testing::check;
-    use crate::ops::testing::normal;
-    use rand::SeedableRng;
 
     const ALL: [Activation; 3] = [Activation::Relu, Activation::Softplus { beta: 2.0 }, Activation::Tanh];
 
@@ -197,53 +136,6 @@ mod tests {
                 layer.check(1);
                 layer.assert_alive(&[]);
             }
-        }
-    }
-
-    #[test]
-    fn derivative_is_that_of_the_value() {
-        for activation in ALL {
-            let x = normal(&[5, 3], 8);
-            let mut t = Tape::new();
-            let v = t.input(x.clone());
-            let (y, d) = (activation.apply(&mut t, v), activation.derivative(&mut t, v));
-            let pulled = t.pull([(y, Tensor::full(&[5, 3], 1.0))]);
-            for (a, b) in pulled.get(v).unwrap().data().iter().zip(t.value(d).data()) {
-                assert!((a - b).abs() < 1e-6);
-            }
-            check(|t, x| activation.derivative(t, x[0]), &[x], 3);
-        }
-    }
-
-    #[test]
-    fn geometric_start_is_near_the_distance_to_a_sphere() {
-        for (activation, octaves) in
-            [(Activation::Relu, 0), (Activation::Softplus { beta: 100.0 }, 0), (Activation::Relu, 3)]
-        {
-            let mut params = Params::new();
-            let mut rng = ChaCha8Rng::seed_from_u64(2);
-            let width = 3 * (1 + 2 * octaves);
-            let widths = [width, 256, 256, 256, 1];
-            let net = Mlp::geometric(&mut params.scope("f"), &widths, activation, 0.5, &mut rng);
-            let grid: Vec<[f32; 3]> =
-                (0..9 * 9 * 9).map(|i| [i % 9, i / 9 % 9, i / 81].map(|c| (c as f32 - 4.0) / 4.0)).collect();
-            let mut t = Tape::new();
-            let p = params.bind(&mut t, false);
-            let x = t.constant(Tensor::from_points(&grid));
-            let x = t.fourier(x, octaves);
-            let y = net.forward(&mut t, &p, x);
-            let (mut total, mut worst) = (0.0, 0.0f32);
-            for (x, y) in grid.iter().zip(t.value(y).data()) {
-                let length = x.iter().map(|v| v * v).sum::<f32>().sqrt();
-                let error = (y - (length - 0.5)).abs();
-                total += error;
-                worst = worst.max(error / (0.2 + length));
-            }
-            let mean = total / grid.len() as f32;
-            // The finite width leaves an error in proportion to the length. Softplus adds ln 2 / beta in every unit,
-            // which flattens the field around the centre and leaves the rest.
-            let bound = if activation == Activation::Relu { 0.25 } else { 1.5 };
-            assert!(mean < 0.12 && worst < bound, "{activation:?}: mean {mean}, worst {worst}");
         }
     }
 }

@@ -37,7 +37,7 @@ mod transformer;
 pub(crate) mod testing;
 
 pub use attention::{MultiHeadAttention, Reach};
-pub use encoding::{Fourier, GaussianFourier};
+pub use encoding::GaussianFourier;
 pub use linear::Linear;
 pub use mlp::{Activation, Mlp};
 pub use norm::LayerNorm;

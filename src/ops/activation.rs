@@ -68,7 +68,7 @@ struct Softplus {
 
 /// Softplus and its derivative from one pass over x.
 fn softplus_pair(x: &Tensor, beta: f32) -> (Tensor, Tensor) {
-    let (mut value, mut slope) = (x.dirty(x.dims()), x.dirty(x.dims()));
+    let (mut value, mut slope) = (x.uninit_like(x.dims()), x.uninit_like(x.dims()));
     map_to_two(&mut value, &mut slope, x, |value, slope, x| softplus_sigmoid_slice(value, slope, x, beta));
     (value, slope)
 }

@@ -65,7 +65,7 @@ fn combine(a: &Tensor, b: &Tensor, how: Spread, same: SameKernel, one: OneKernel
         Spread::Scalar => map(a, |o, x| one(o, x, b.item())),
         Spread::Row | Spread::Column => {
             let c = a.cols();
-            let mut out = a.dirty(a.dims());
+            let mut out = a.uninit_like(a.dims());
             let (a, b) = (a.data(), b.data());
             map_rows(out.data_mut(), c, |first, piece| {
                 for (i, o) in piece.chunks_exact_mut(c.max(1)).enumerate() {
@@ -91,7 +91,7 @@ fn collapse(dy: Tensor, like: &Tensor, how: Spread) -> Tensor {
             out
         }
         Spread::Column => {
-            let mut out = dy.dirty(like.dims());
+            let mut out = dy.uninit_like(like.dims());
             let c = dy.cols();
             for (o, row) in out.data_mut().iter_mut().zip(dy.data().chunks_exact(c.max(1))) {
                 *o = row.iter().sum();
@@ -99,7 +99,7 @@ fn collapse(dy: Tensor, like: &Tensor, how: Spread) -> Tensor {
             out
         }
         Spread::Scalar => {
-            let mut out = dy.dirty(like.dims());
+            let mut out = dy.uninit_like(like.dims());
             out.data_mut()[0] = sum_f64(dy.data()) as f32;
             out
         }

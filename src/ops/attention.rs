@@ -66,7 +66,7 @@ impl Op<2> for Weights {
         assert_heads("attention_weights", q, self.heads);
         assert!(q.cols() == k.cols(), "attention_weights: queries {:?} and keys {:?}", q.shape(), k.shape());
         let (n, m) = (q.rows(), k.rows());
-        let mut w = q.dirty(&[self.heads * n, m]);
+        let mut w = q.uninit_like(&[self.heads * n, m]);
         for (h, out) in w.data_mut().chunks_exact_mut((n * m).max(1)).enumerate() {
             gemm(out, m, Base::Zero, head(q, h, self.heads), head(k, h, self.heads).t());
         }
@@ -83,7 +83,7 @@ impl Op<2> for Weights {
         let scale = scale_of(c, self.heads);
         let mut dq = at.needs[0].then(|| dw.zeros_like_pool(q.dims()));
         let mut dk = at.needs[1].then(|| dw.zeros_like_pool(k.dims()));
-        let mut ds = dw.dirty(&[n, m]);
+        let mut ds = dw.uninit_like(&[n, m]);
         if !ds.is_empty() && width > 0 {
             for h in 0..self.heads {
                 map_rows(ds.data_mut(), m, |first, piece| {
@@ -142,7 +142,7 @@ impl Op<2> for Average {
         let [w, v] = at.x;
         let (n, m, d) = (dy.rows(), v.rows(), v.cols());
         let dw = at.needs[0].then(|| {
-            let mut dw = dy.dirty(w.dims());
+            let mut dw = dy.uninit_like(w.dims());
             for (h, out) in dw.data_mut().chunks_exact_mut((n * m).max(1)).enumerate() {
                 gemm(out, m, Base::Zero, head(dy, h, self.heads), head(v, h, self.heads).t());
             }
@@ -202,7 +202,7 @@ impl Op<3> for Attention {
             v.shape()
         );
         let (n, m, c, d) = (q.rows(), k.rows(), q.cols(), v.cols());
-        let mut w = q.dirty(&[n, heads * m]);
+        let mut w = q.uninit_like(&[n, heads * m]);
         let mut y = q.zeros_like_pool(&[n, d]);
         if y.is_empty() || w.is_empty() || c == 0 {
             return (y, w);
@@ -243,12 +243,13 @@ impl Op<3> for Attention {
         let empty = n == 0 || m == 0 || c == 0 || d == 0;
         // Each head's gradients by themselves; their columns are put together at the end.
         let one = |h: usize| {
-            let mut parts = [(n, c), (m, c), (m, d)].map(|(rows, cols)| dy.dirty(&[rows, cols / heads]));
+            let mut parts =
+                [(n, c), (m, c), (m, d)].map(|(rows, cols)| dy.uninit_like(&[rows, cols / heads]));
             let mut values = Panels::new();
             values.fill(head(v, h, heads).t());
             let mut keys = Panels::new();
             keys.fill(head(k, h, heads));
-            let mut scores = dy.dirty(&[DEPTH.min(n), m]);
+            let mut scores = dy.uninit_like(&[DEPTH.min(n), m]);
             let scale = scale_of(c, heads);
             let [dq, dk, dv] = &mut parts;
             for first in (0..n).step_by(DEPTH) {

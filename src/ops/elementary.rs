@@ -22,7 +22,7 @@ macro_rules! elementary {
                 (map(x, $forward), ())
             }
             fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
-                let mut dx = dy.dirty(dy.dims());
+                let mut dx = dy.uninit_like(dy.dims());
                 $gradient(dx.data_mut(), dy.data(), at.x[0].data(), at.y.data());
                 [Some(dx)]
             }
@@ -61,7 +61,7 @@ impl Op<1> for Circular {
     /// The other function of the same argument.
     type Saved = Tensor;
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, Tensor) {
-        let (mut sin, mut cos) = (x.dirty(x.dims()), x.dirty(x.dims()));
+        let (mut sin, mut cos) = (x.uninit_like(x.dims()), x.uninit_like(x.dims()));
         sin_cos_slice(sin.data_mut(), cos.data_mut(), x.data());
         if self.cosine { (cos, sin) } else { (sin, cos) }
     }

@@ -227,7 +227,7 @@ impl Op<2> for LocalWeights {
         let ([q, k], pairs) = (at.x, at.saved);
         let scale = scale_of(q.cols(), self.heads);
         let size = pairs.k * self.heads;
-        let mut ds = dw.dirty(dw.dims());
+        let mut ds = dw.uninit_like(dw.dims());
         if !ds.is_empty() {
             map_rows(ds.data_mut(), size, |first, piece| {
                 let range = first * size..first * size + piece.len();

@@ -46,7 +46,7 @@ impl Op<3> for Linear {
     fn forward(&self, [x, w, b]: [&Tensor; 3]) -> (Tensor, ()) {
         let c = w.cols();
         assert!(b.len() == c, "linear: bias {:?} for weight {:?}", b.shape(), w.shape());
-        let mut y = x.dirty(&[x.rows(), c]);
+        let mut y = x.uninit_like(&[x.rows(), c]);
         gemm(y.data_mut(), c, Base::Row(b.data()), x.as_mat(), w.as_mat());
         (y, ())
     }

@@ -4,7 +4,6 @@ mod activation;
 mod arithmetic;
 mod attention;
 mod elementary;
-mod encoding;
 mod local_attention;
 mod matmul;
 mod norm;

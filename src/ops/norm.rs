@@ -58,8 +58,8 @@ impl Op<3> for LayerNorm {
             gain.shape(),
             bias.shape()
         );
-        let (mut hat, mut inverse) = (x.dirty(x.dims()), x.dirty(&[x.rows(), 1]));
-        let mut y = x.dirty(x.dims());
+        let (mut hat, mut inverse) = (x.uninit_like(x.dims()), x.uninit_like(&[x.rows(), 1]));
+        let mut y = x.uninit_like(x.dims());
         let rows = row_block(c);
         y.data_mut()
             .par_chunks_mut(rows * c)
@@ -76,7 +76,7 @@ impl Op<3> for LayerNorm {
         let [_, gain, bias] = at.x;
         let c = dy.cols();
         let dx = at.needs[0].then(|| {
-            let mut dx = dy.dirty(dy.dims());
+            let mut dx = dy.uninit_like(dy.dims());
             let rows = row_block(c);
             dx.data_mut()
                 .par_chunks_mut(rows * c)
@@ -114,7 +114,7 @@ impl Op<1> for NormalizeRows {
     type Saved = Tensor;
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, Tensor) {
         let c = x.cols();
-        let (mut y, mut inverse) = (x.dirty(x.dims()), x.dirty(&[x.rows(), 1]));
+        let (mut y, mut inverse) = (x.uninit_like(x.dims()), x.uninit_like(&[x.rows(), 1]));
         let rows = y.data_mut().chunks_exact_mut(c.max(1)).zip(x.data().chunks_exact(c.max(1)));
         for ((y, x), inverse) in rows.zip(inverse.data_mut()) {
             // In f64 the square of a tiny f32 does not vanish.
@@ -128,7 +128,7 @@ impl Op<1> for NormalizeRows {
     }
     fn vjp(&self, at: At<'_, 1, Tensor>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let c = dy.cols().max(1);
-        let mut dx = dy.dirty(dy.dims());
+        let mut dx = dy.uninit_like(dy.dims());
         let rows = dx.data_mut().chunks_exact_mut(c).zip(dy.data().chunks_exact(c));
         for (((dx, dy), y), &inverse) in rows.zip(at.y.data().chunks_exact(c)).zip(at.saved.data()) {
             // Below the floor the divisor is a constant, so nothing is projected out.

@@ -17,13 +17,13 @@ impl Sum {
 impl Op<1> for Sum {
     type Saved = ();
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
-        let mut y = x.dirty(&[1, 1]);
+        let mut y = x.uninit_like(&[1, 1]);
         y.data_mut()[0] = (sum_f64(x.data()) * f64::from(self.factor(x.len()))) as f32;
         (y, ())
     }
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let x = at.x[0];
-        let mut dx = dy.dirty(x.dims());
+        let mut dx = dy.uninit_like(x.dims());
         dx.data_mut().fill(dy.item() * self.factor(x.len()));
         [Some(dx)]
     }
@@ -53,7 +53,7 @@ impl Op<1> for SumGroups {
     }
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let c = dy.cols().max(1);
-        let mut dx = dy.dirty(at.x[0].dims());
+        let mut dx = dy.uninit_like(at.x[0].dims());
         for (i, o) in dx.data_mut().chunks_exact_mut(c).enumerate() {
             o.copy_from_slice(dy.row(i / self.k));
         }
@@ -67,7 +67,7 @@ struct SumCols;
 impl Op<1> for SumCols {
     type Saved = ();
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
-        let mut y = x.dirty(&[x.rows(), 1]);
+        let mut y = x.uninit_like(&[x.rows(), 1]);
         for (o, row) in y.data_mut().iter_mut().zip(x.data().chunks_exact(x.cols().max(1))) {
             *o = row.iter().sum();
         }
@@ -75,7 +75,7 @@ impl Op<1> for SumCols {
     }
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let x = at.x[0];
-        let mut dx = dy.dirty(x.dims());
+        let mut dx = dy.uninit_like(x.dims());
         for (row, &d) in dx.data_mut().chunks_exact_mut(x.cols().max(1)).zip(dy.data()) {
             row.fill(d);
         }

@@ -44,7 +44,7 @@ struct RepeatRows {
 impl Op<1> for RepeatRows {
     type Saved = ();
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
-        let mut y = x.dirty(&[x.rows() * self.k, x.cols()]);
+        let mut y = x.uninit_like(&[x.rows() * self.k, x.cols()]);
         for (i, row) in y.data_mut().chunks_exact_mut(x.cols().max(1)).enumerate() {
             row.copy_from_slice(x.row(i / self.k));
         }

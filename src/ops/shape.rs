@@ -36,7 +36,7 @@ impl Op<1> for SliceCols {
     type Saved = ();
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
         assert!(self.range.end <= x.cols(), "slice_cols: columns {:?} of {:?}", self.range, x.shape());
-        let mut y = x.dirty(&[x.rows(), self.range.len()]);
+        let mut y = x.uninit_like(&[x.rows(), self.range.len()]);
         copy_cols(&mut y, 0, x, self.range.clone());
         (y, ())
     }
@@ -57,7 +57,7 @@ impl Op<1> for SliceRows {
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
         assert!(self.range.end <= x.rows(), "slice_rows: rows {:?} of {:?}", self.range, x.shape());
         let c = x.cols();
-        let mut y = x.dirty(&[self.range.len(), c]);
+        let mut y = x.uninit_like(&[self.range.len(), c]);
         y.data_mut().copy_from_slice(&x.data()[self.range.start * c..self.range.end * c]);
         (y, ())
     }
@@ -78,7 +78,7 @@ impl<const N: usize> Op<N> for ConcatCols {
         let n = x[0].rows();
         let shapes = || x.map(Tensor::shape);
         assert!(x.iter().all(|x| x.rows() == n), "concat_cols: {:?}", shapes());
-        let mut y = x[0].dirty(&[n, x.iter().map(|x| x.cols()).sum()]);
+        let mut y = x[0].uninit_like(&[n, x.iter().map(|x| x.cols()).sum()]);
         let mut at = 0;
         for x in x {
             copy_cols(&mut y, at, x, 0..x.cols());
@@ -92,7 +92,7 @@ impl<const N: usize> Op<N> for ConcatCols {
             let c = at.x[i].cols();
             from += c;
             at.needs[i].then(|| {
-                let mut dx = dy.dirty(at.x[i].dims());
+                let mut dx = dy.uninit_like(at.x[i].dims());
                 copy_cols(&mut dx, 0, dy, from - c..from);
                 dx
             })
@@ -109,7 +109,7 @@ impl<const N: usize> Op<N> for ConcatRows {
         let c = x[0].cols();
         let shapes = || x.map(Tensor::shape);
         assert!(x.iter().all(|x| x.cols() == c), "concat_rows: {:?}", shapes());
-        let mut y = x[0].dirty(&[x.iter().map(|x| x.rows()).sum(), c]);
+        let mut y = x[0].uninit_like(&[x.iter().map(|x| x.rows()).sum(), c]);
         let mut rest = y.data_mut();
         for x in x {
             let (head, tail) = rest.split_at_mut(x.len());
@@ -124,7 +124,7 @@ impl<const N: usize> Op<N> for ConcatRows {
             let len = at.x[i].len();
             from += len;
             at.needs[i].then(|| {
-                let mut dx = dy.dirty(at.x[i].dims());
+                let mut dx = dy.uninit_like(at.x[i].dims());
                 dx.data_mut().copy_from_slice(&dy.data()[from - len..from]);
                 dx
             })
@@ -177,12 +177,6 @@ impl Tape {
     pub fn concat_rows<const N: usize>(&mut self, x: [Var; N]) -> Var {
         self.apply(ConcatRows, x)
     }
-
-    /// The value of `x` as a constant: no gradient flows back.
-    pub fn stop(&mut self, x: Var) -> Var {
-        let value = self.value(x).clone();
-        self.constant(value)
-    }
 }
 
 #[cfg(test)]
@@ -213,7 +207,5 @@ mod tests {
         let joined = t.concat_cols([va, vb]);
         let (left, right) = (t.slice_cols(joined, 0..2), t.slice_cols(joined, 2..6));
         assert_eq!((t.value(left), t.value(right)), (&a, &b));
-        let stopped = t.stop(joined);
-        assert!(!t.needs_gradient(stopped));
     }
 }

@@ -29,7 +29,7 @@ impl Op<1> for SoftmaxCols {
     type Saved = ();
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
         let c = x.cols();
-        let mut y = x.dirty(x.dims());
+        let mut y = x.uninit_like(x.dims());
         map_rows(y.data_mut(), c, |first, piece| {
             for (i, o) in piece.chunks_exact_mut(c.max(1)).enumerate() {
                 softmax_row(o, x.row(first + i));
@@ -39,7 +39,7 @@ impl Op<1> for SoftmaxCols {
     }
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let c = dy.cols();
-        let mut dx = dy.dirty(dy.dims());
+        let mut dx = dy.uninit_like(dy.dims());
         map_rows(dx.data_mut(), c, |first, piece| {
             for (i, o) in piece.chunks_exact_mut(c.max(1)).enumerate() {
                 softmax_row_gradient(o, at.y.row(first + i), dy.row(first + i));
@@ -110,13 +110,13 @@ impl Op<1> for SoftmaxGroups {
             x.shape(),
             self.k
         );
-        let mut y = x.dirty(x.dims());
+        let mut y = x.uninit_like(x.dims());
         self.each_group(&mut y, |at, o, scratch| group_forward(o, &x.data()[at..at + size], c, scratch));
         (y, ())
     }
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let (c, size) = (dy.cols(), self.k * dy.cols());
-        let mut dx = dy.dirty(dy.dims());
+        let mut dx = dy.uninit_like(dy.dims());
         self.each_group(&mut dx, |i, o, scratch| {
             group_backward(o, &at.y.data()[i..i + size], &dy.data()[i..i + size], c, scratch);
         });
@@ -128,12 +128,6 @@ impl Tape {
     /// Softmax over each row: n x c to n x c, every row sums to 1.
     pub fn softmax_cols(&mut self, x: Var) -> Var {
         self.apply(SoftmaxCols, [x])
-    }
-
-    /// Softmax over all rows, channel by channel: n x c to n x c, every column sums to 1.
-    pub fn softmax_rows(&mut self, x: Var) -> Var {
-        let k = self.value(x).rows();
-        self.softmax_groups(x, k)
     }
 
     /// Softmax over the k rows of every group, channel by channel: (n k) x c to the same shape.
@@ -169,7 +163,6 @@ mod tests {
         fn gradients(n in 1usize..5, k in 1usize..5, c in 1usize..6, seed: u64) {
             let x = normal(&[n * k, c], seed);
             check(|t, x| t.softmax_cols(x[0]), std::slice::from_ref(&x), seed);
-            check(|t, x| t.softmax_rows(x[0]), std::slice::from_ref(&x), seed);
             check(|t, x| t.softmax_groups(x[0], k), &[x], seed);
         }
 

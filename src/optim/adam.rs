@@ -46,7 +46,6 @@ impl Default for AdamOptions {
 #[derive(Clone, Debug)]
 pub struct Adam {
     options: AdamOptions,
-    factors: Vec<f32>,
     steps: Vec<u64>,
     m: Vec<Tensor>,
     v: Vec<Tensor>,
@@ -69,24 +68,7 @@ impl Adam {
     /// An optimiser for parameters of these shapes, all moments 0.
     pub fn new(values: &[Arc<Tensor>], options: AdamOptions) -> Self {
         let zeros = || values.iter().map(|v| Tensor::zeros(v.dims())).collect();
-        Adam {
-            options,
-            factors: vec![1.0; values.len()],
-            steps: vec![0; values.len()],
-            m: zeros(),
-            v: zeros(),
-        }
-    }
-
-    /// Multiplies the learning rate of each parameter by a factor of its own; all are 1 at first.
-    ///
-    /// # Panics
-    /// If there is not one factor per parameter.
-    #[track_caller]
-    pub fn set_factors(&mut self, factors: Vec<f32>) {
-        let parameters = self.steps.len();
-        assert!(factors.len() == parameters, "adam: {} factors for {parameters} parameters", factors.len());
-        self.factors = factors;
+        Adam { options, steps: vec![0; values.len()], m: zeros(), v: zeros() }
     }
 
     /// The constants.
@@ -124,7 +106,7 @@ impl Adam {
             );
             self.steps[i] += 1;
             let t = i32::try_from(self.steps[i]).unwrap_or(i32::MAX);
-            let rate = f64::from(rate) * f64::from(self.factors[i]);
+            let rate = f64::from(rate);
             update(
                 Arc::make_mut(&mut values[i]).data_mut(),
                 self.m[i].data_mut(),
@@ -245,18 +227,17 @@ mod tests {
     }
 
     #[test]
-    fn parameters_without_gradient_stay_and_factors_scale() {
+    fn parameters_without_gradient_stay() {
         let mut p = values(&[[2, 2], [2, 2], [2, 2]]);
         let before = p.clone();
         let mut adam = Adam::new(&p, AdamOptions::default());
-        adam.set_factors(vec![1.0, 1.0, 0.5]);
         let g = || Some(Tensor::full(&[2, 2], 3.0));
         adam.step(&mut p, &[g(), None, g()], 0.1);
         assert_eq!(p[1], before[1]);
         assert_eq!(adam.steps(), [1, 0, 1]);
         for i in 0..4 {
             assert!((before[0].data()[i] - p[0].data()[i] - 0.1).abs() < 1e-6);
-            assert!((before[2].data()[i] - p[2].data()[i] - 0.05).abs() < 1e-6);
+            assert!((before[2].data()[i] - p[2].data()[i] - 0.1).abs() < 1e-6);
         }
     }
 

@@ -3,11 +3,12 @@
 #[cfg(feature = "checkpoint")]
 use super::Phase;
 use super::Trainer;
-use super::step::Sampled;
+use super::phases::train::Sampled;
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{FieldPass, resolution_for_area};
+use crate::field::FieldPass;
 use crate::geometry::{BandTopology, Isosurface, NarrowBandOptions, TetGrid, TriangleBvh, active_set};
+use crate::start::resolution_for_area;
 
 /// What steps work with and nothing outlives them for.
 #[derive(Default)]
@@ -45,7 +46,7 @@ pub(super) struct Band {
 }
 
 /// Cubes along each side of the lattice that the search starts from, at most.
-const MOST_COARSE_CUBES: usize = 32;
+const MAX_COARSE_CUBES: usize = 32;
 
 impl Trainer {
     /// The grid resolution of a step of the training proper: that of its stage, changed by the area of the first shape.
@@ -86,7 +87,7 @@ impl Trainer {
         let mut eval = |x: &[[f32; 3]]| Ok(field.sdf(x));
         // Half the resolution: what is thinner and not near the cloud no point asks for.
         let options = NarrowBandOptions {
-            coarse_resolution: (resolution / 2).clamp(1, MOST_COARSE_CUBES),
+            coarse_resolution: (resolution / 2).clamp(1, MAX_COARSE_CUBES),
             seeds: &self.cloud,
             ..Default::default()
         };

@@ -6,10 +6,9 @@
 //! the two are asked to be inside from then on. Not in the paper.
 
 use super::Trainer;
-use super::model::zero_level_set;
+use super::result::zero_level_set;
 use crate::error::{Error, ErrorKind};
-use crate::gdo::spacing;
-use crate::geometry::{TriangleMesh, nearest_points};
+use crate::geometry::{TriangleMesh, nearest_points, spacing};
 
 /// The widest gap that is bridged, in spacings of the points at its ends.
 const REACH: f64 = 1.0;
@@ -23,7 +22,7 @@ const LOOKS: [f64; 2] = [0.65, 0.8];
 /// Cubes along each side of the grid that the surface is taken from.
 const RESOLUTION: usize = 128;
 /// Parts that are looked at, the largest first: pairs of them are compared.
-const MOST_PARTS: usize = 32;
+const MAX_PARTS: usize = 32;
 
 /// What is to be inside.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -42,7 +41,7 @@ impl Bridges {
     pub fn over_gaps(mesh: &TriangleMesh, cloud: &[[f32; 3]]) -> Bridges {
         let mut parts = mesh.split_components();
         parts.sort_by(|a, b| b.area.total_cmp(&a.area));
-        parts.truncate(MOST_PARTS);
+        parts.truncate(MAX_PARTS);
         let mut bridges = Bridges::default();
         if parts.len() < 2 {
             return bridges;

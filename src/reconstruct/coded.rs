@@ -1,11 +1,12 @@
 //! What the paper's figures are drawn from: points, S and grid vertices with their codes.
 
 use super::Trainer;
-use super::step::{FAR, diverged};
+use super::phases::train::{FAR, diverged};
 use crate::autodiff::Tape;
 use crate::bsp::Parameterized;
 use crate::error::Error;
-use crate::gdo::{FieldPass, FieldVars, deform};
+use crate::field::{FieldPass, FieldVars};
+use crate::gdo::deform;
 use crate::geometry::nearest_points;
 use crate::tensor::Tensor;
 

@@ -4,17 +4,17 @@ use super::{Config, StartShape};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::Neighbourhood;
 use crate::error::Error;
-use crate::gdo::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
 use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
 use crate::loss::Direction;
+use crate::start::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// Widths that are tried where `start.width` is 0.
+/// Widths that are tried where `start.dipole_radius` is 0.
 const WIDTHS: [f32; 3] = [0.25, 0.5, 1.0];
 
 /// Points up to which the surface of least bending is looked for. It has 500 centres; the Gauss formula has more.
-const MOST_PLATE_POINTS: usize = 1024;
+const MAX_PLATE_POINTS: usize = 1024;
 
 /// The shape, in the forms that are asked for.
 pub(super) struct FirstShape {
@@ -53,11 +53,11 @@ impl FirstShape {
         if start.shape == StartShape::Sphere {
             return Ok(None);
         }
-        let widths = match start.width {
+        let widths = match start.dipole_radius {
             // For large clouds no gain was measured that would be worth the time.
-            0.0 if cloud.len() > MOST_PLATE_POINTS => &WIDTHS[1..2],
+            0.0 if cloud.len() > MAX_PLATE_POINTS => &WIDTHS[1..2],
             0.0 => &WIDTHS[..],
-            _ => std::slice::from_ref(&start.width),
+            _ => std::slice::from_ref(&start.dipole_radius),
         };
         let mut rough = gauss_shapes(cloud, widths, start.regularity, seed)?;
         let cloud = if config.denoise && DENOISED_POINTS.contains(&cloud.len()) {
@@ -67,7 +67,7 @@ impl FirstShape {
             Denoised { points: cloud.to_vec(), moved: 0.0 }
         };
         let plates = match start.shape {
-            StartShape::Plate if cloud.points.len() <= MOST_PLATE_POINTS => {
+            StartShape::Plate if cloud.points.len() <= MAX_PLATE_POINTS => {
                 plate_shapes(&cloud.points, &rough, seed).ok()
             }
             _ => None,

@@ -9,35 +9,23 @@
 
 mod band;
 mod bridges;
-#[cfg(feature = "checkpoint")]
-mod checkpoint;
 mod coded;
 mod config;
 mod first_shape;
-mod model;
 mod objective;
-mod options;
 mod phases;
-mod preset;
+mod result;
 mod run;
 #[cfg(feature = "checkpoint")]
-mod saved_options;
-mod scale;
-mod step;
-#[cfg(feature = "checkpoint")]
-mod store;
+mod save;
 mod trainer;
 
 pub use coded::Coded;
-pub use config::{Band, Batch, Config, Finishing, Stage, Start, StartShape, Target, Weights};
-pub use model::Reconstruction;
-pub use phases::Phase;
-pub use preset::Preset;
+pub use config::{Band, Batch, Config, Finishing, Preset, Stage, Start, StartShape, Target, Weights};
+pub use phases::{Phase, StepReport};
+pub use result::Reconstruction;
 pub use run::{Event, reconstruct};
-pub use step::StepReport;
 pub use trainer::Trainer;
 
-#[cfg(test)]
-mod ablations;
 #[cfg(test)]
 mod tests;

@@ -2,7 +2,7 @@
 
 use super::{Config, Target};
 use crate::autodiff::{Tape, Var};
-use crate::gdo::FieldVars;
+use crate::field::FieldVars;
 use crate::geometry::TriangleBvh;
 use crate::loss::{Direction, eikonal, inside, mean_abs, pull, surface_distance};
 
@@ -44,7 +44,7 @@ pub(super) struct Terms {
     pub surf: f32,
     pub eikonal: f32,
     pub laplacian: f32,
-    pub points: f32,
+    pub on_points: f32,
     pub pull: f32,
     pub cover: f32,
     pub bridge: f32,
@@ -80,7 +80,7 @@ pub(super) fn add_terms(tape: &mut Tape, config: &Config, progress: f32, scene: 
         surf: sum.add(w.surf, |t| Some(mean_abs(t, scene.field.sdf))),
         eikonal: sum.add(w.eikonal, |t| Some(eikonal(t, scene.gradient))),
         laplacian: sum.add(w.laplacian, |t| Some(t.laplacian(scene.crossings, scene.faces))),
-        points: sum.add(w.points, |t| scene.cloud_sdf.map(|sdf| mean_abs(t, sdf))),
+        on_points: sum.add(w.on_points, |t| scene.cloud_sdf.map(|sdf| mean_abs(t, sdf))),
         pull: sum.add(w.pull, |t| Some(pull(t, scene.verts, scene.moved, target))),
         cover: sum.add(w.cover, |t| {
             Some(match scene.tree {

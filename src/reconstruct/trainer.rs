@@ -3,12 +3,13 @@
 use super::band::Workspace;
 use super::bridges::Bridges;
 use super::first_shape::FirstShape;
-use super::model::{FoundShape, Shape};
-use super::step::StepReport;
+use super::phases::train::StepReport;
+use super::result::{FoundShape, Shape};
 use super::{Config, Phase, Reconstruction};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
-use crate::gdo::{Deformation, Field};
+use crate::field::Field;
+use crate::gdo::Deformation;
 use crate::geometry::{Normalizer, TetGrid, clean_cloud, thin_cloud};
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
@@ -45,7 +46,7 @@ pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, 
 }
 
 /// A cloud is not thinned to fewer points than these.
-const LEAST_THINNED: usize = 64;
+const MIN_THINNED: usize = 64;
 
 /// The points of a large cloud that training works with.
 fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
@@ -55,7 +56,7 @@ fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
         Some(grid) if config.batch.thin > 0.0 && cloud.len() > config.batch.points => {
             let kept = thin_cloud(&cloud, config.batch.thin * grid.spacing());
             // A heap of points and a far outlier would become a few points.
-            if kept.len() < LEAST_THINNED {
+            if kept.len() < MIN_THINNED {
                 return cloud;
             }
             kept.into_iter().map(|i| cloud[i as usize]).collect()
@@ -256,7 +257,7 @@ impl Trainer {
     }
 
     /// The factor on all learning rates, halved by every recovery.
-    pub(super) fn caution(&self) -> f32 {
+    pub(super) fn rate_factor(&self) -> f32 {
         0.5f32.powi(self.recoveries as i32)
     }
 

@@ -15,7 +15,7 @@ kernel! {
 
 /// Calls `f(out, x)` on equal pieces of a new tensor and of `x`, side by side on several threads if it is large.
 pub(crate) fn map(x: &Tensor, f: impl Fn(&mut [f32], &[f32]) + Sync) -> Tensor {
-    let mut out = x.dirty(x.dims());
+    let mut out = x.uninit_like(x.dims());
     if x.len() < PARALLEL_MIN {
         f(out.data_mut(), x.data());
     } else {
@@ -44,7 +44,7 @@ pub(crate) fn map_to_two(
 #[track_caller]
 pub(crate) fn map2(a: &Tensor, b: &Tensor, f: impl Fn(&mut [f32], &[f32], &[f32]) + Sync) -> Tensor {
     assert!(a.len() == b.len(), "elementwise: {:?} and {:?}", a.shape(), b.shape());
-    let mut out = a.dirty(a.dims());
+    let mut out = a.uninit_like(a.dims());
     if a.len() < PARALLEL_MIN {
         f(out.data_mut(), a.data(), b.data());
     } else {

@@ -196,7 +196,7 @@ kernel! {
 
 #[track_caller]
 fn product(like: &Tensor, a: MatRef<'_>, b: MatRef<'_>) -> Tensor {
-    let mut out = like.dirty(&[a.rows(), b.cols()]);
+    let mut out = like.uninit_like(&[a.rows(), b.cols()]);
     gemm(out.data_mut(), b.cols(), Base::Zero, a, b);
     out
 }

@@ -232,14 +232,14 @@ impl Tensor {
     }
 
     /// A tensor from this one's pool whose values are whatever the memory held: to be overwritten whole.
-    pub(crate) fn dirty(&self, dims: &[usize]) -> Tensor {
+    pub(crate) fn uninit_like(&self, dims: &[usize]) -> Tensor {
         let shape = Shape::new(dims);
         Tensor { buffer: self.buffer.sibling(shape.len()), shape }
     }
 
     /// Zeros from this tensor's pool.
     pub(crate) fn zeros_like_pool(&self, dims: &[usize]) -> Tensor {
-        let mut t = self.dirty(dims);
+        let mut t = self.uninit_like(dims);
         t.data_mut().fill(0.0);
         t
     }
@@ -313,7 +313,7 @@ mod tests {
         let x = Tensor::full(&[10, 10], 1.0).into_pool(&pool);
         let first = pool.allocations();
         for _ in 0..5 {
-            let y = x.dirty(&[10, 10]);
+            let y = x.uninit_like(&[10, 10]);
             drop(y);
         }
         assert_eq!(pool.allocations(), first + 1);

@@ -9,7 +9,7 @@ use super::{Tensor, map_rows};
 #[track_caller]
 pub(crate) fn gather_rows(x: &Tensor, index: &[u32]) -> Tensor {
     let c = x.cols();
-    let mut out = x.dirty(&[index.len(), c]);
+    let mut out = x.uninit_like(&[index.len(), c]);
     let source = x.data();
     map_rows(out.data_mut(), c, |first, piece| {
         for (row, &i) in piece.chunks_exact_mut(c.max(1)).zip(&index[first..]) {

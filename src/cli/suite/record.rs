@@ -3,10 +3,11 @@
 use bijective_sdf::bsp::Coverage;
 use bijective_sdf::evaluate::Report;
 use bijective_sdf::geometry::Topology;
-use serde_json::Value;
+use serde::{Deserialize, Serialize};
+use serde_json::value::RawValue;
+use std::collections::BTreeMap;
 
 use super::super::coverage::{TruthCoverage, coverage_json};
-use super::super::json::Object;
 use super::super::report::{report_json, topology_json};
 use super::plan::{Job, Measure};
 
@@ -48,53 +49,91 @@ pub struct Machine {
     pub build: Option<String>,
 }
 
+/// The line of a run.
+#[derive(Serialize)]
+struct Line<'a> {
+    shape: &'a str,
+    truth: Option<&'a str>,
+    setting: &'a str,
+    seed: u64,
+    status: Status,
+    message: Option<&'a str>,
+    seconds: f64,
+    threads: usize,
+    jobs: usize,
+    version: &'static str,
+    build: Option<&'a str>,
+    fingerprint: &'a str,
+    options: BTreeMap<&'static str, String>,
+    input: InputChange,
+    points: usize,
+    steps: usize,
+    recoveries: usize,
+    noise_removed: f64,
+    resolution: usize,
+    samples: usize,
+    mesh: Option<String>,
+    surface: Option<String>,
+    coverage: Option<Box<RawValue>>,
+    truth_coverage: Option<Box<RawValue>>,
+    report: Option<Box<RawValue>>,
+    result_topology: Option<Box<RawValue>>,
+    truth_topology: Option<Box<RawValue>>,
+}
+
+/// How a run ended.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+enum Status {
+    Ok,
+    Failed,
+}
+
+/// What a setting changes about the input.
+#[derive(Serialize)]
+struct InputChange {
+    points: Option<usize>,
+    noise: Option<String>,
+}
+
 /// The line of a run, without its end.
 pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measure) -> String {
-    let topology = |t: &Option<Topology>| t.as_ref().map_or("null".to_string(), topology_json);
-    let optional = |text: Option<&str>| text.map_or("null".to_string(), super::super::json::quoted);
-    let mesh = outcome.topology.as_ref().map(|_| job.mesh_file());
-    let surface = outcome.coverage.map(|_| job.surface_file());
-    let report = outcome.report.as_ref();
-    let options = job.config().entries().into_iter();
-    let options = options.fold(Object::new(), |object, (key, value)| object.text(key, &value)).finish();
+    let part = |json: String| RawValue::from_string(json).expect("the program writes JSON");
     let input = &job.setting.input;
-    let input = Object::new()
-        .raw("points", input.points.map_or("null".to_string(), |n| n.to_string()))
-        .raw("noise", optional(input.noise.map(|noise| noise.to_string()).as_deref()))
-        .finish();
-    Object::new()
-        .text("shape", &job.shape.name)
-        .raw("truth", optional(job.shape.truth.as_ref().map(|t| t.0.as_str())))
-        .text("setting", &job.setting.name)
-        .raw("seed", job.seed)
-        .text("status", if outcome.failure.is_none() { "ok" } else { "failed" })
-        .raw("message", optional(outcome.failure.as_deref()))
-        .number("seconds", outcome.seconds)
-        .count("threads", machine.threads)
-        .count("jobs", machine.jobs)
-        .text("version", env!("CARGO_PKG_VERSION"))
-        .raw("build", optional(machine.build.as_deref()))
-        .text("fingerprint", &job.fingerprint)
-        .raw("options", options)
-        .raw("input", input)
-        .count("points", outcome.points)
-        .count("steps", outcome.steps)
-        .count("recoveries", outcome.recoveries)
-        .number("noise_removed", outcome.noise_removed)
-        .count("resolution", measure.resolution)
-        .count("samples", measure.samples)
-        .raw("mesh", optional(mesh.as_deref()))
-        .raw("surface", optional(surface.as_deref()))
-        .raw("coverage", coverage_json(outcome.coverage.as_ref()))
-        .raw("truth_coverage", outcome.truth_coverage.map_or("null".to_string(), |c| c.json()))
-        .raw("report", report.map_or("null".to_string(), |r| report_json(&job.shape.name, r)))
-        .raw("result_topology", topology(&outcome.topology))
-        .raw("truth_topology", topology(&outcome.truth))
-        .finish()
+    let line = Line {
+        shape: &job.shape.name,
+        truth: job.shape.truth.as_ref().map(|t| t.0.as_str()),
+        setting: &job.setting.name,
+        seed: job.seed,
+        status: if outcome.failure.is_none() { Status::Ok } else { Status::Failed },
+        message: outcome.failure.as_deref(),
+        seconds: outcome.seconds,
+        threads: machine.threads,
+        jobs: machine.jobs,
+        version: env!("CARGO_PKG_VERSION"),
+        build: machine.build.as_deref(),
+        fingerprint: &job.fingerprint,
+        options: job.config().entries().into_iter().collect(),
+        input: InputChange { points: input.points, noise: input.noise.map(|noise| noise.to_string()) },
+        points: outcome.points,
+        steps: outcome.steps,
+        recoveries: outcome.recoveries,
+        noise_removed: outcome.noise_removed,
+        resolution: measure.resolution,
+        samples: measure.samples,
+        mesh: outcome.topology.as_ref().map(|_| job.mesh_file()),
+        surface: outcome.coverage.map(|_| job.surface_file()),
+        coverage: outcome.coverage.as_ref().map(|c| part(coverage_json(Some(c)))),
+        truth_coverage: outcome.truth_coverage.map(|c| part(c.json())),
+        report: outcome.report.as_ref().map(|r| part(report_json(&job.shape.name, r))),
+        result_topology: outcome.topology.as_ref().map(|t| part(topology_json(t))),
+        truth_topology: outcome.truth.as_ref().map(|t| part(topology_json(t))),
+    };
+    serde_json::to_string(&line).expect("keys are texts")
 }
 
 /// What the tables need of a topology.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub struct Form {
     pub components: usize,
     pub genus: Option<i64>,
@@ -150,87 +189,119 @@ pub struct Record {
     pub truth: Option<Form>,
 }
 
+/// A line as it is read: what the tables need, and what shows that it is the line of a run. Lines of earlier builds
+/// lack some.
+#[derive(Deserialize)]
+struct ReadLine {
+    fingerprint: String,
+    /// The fingerprint finds the run; this and the next two are for other readers of the file.
+    #[serde(rename = "shape")]
+    _shape: String,
+    #[serde(rename = "setting")]
+    _setting: String,
+    #[serde(rename = "seed")]
+    _seed: u64,
+    status: Status,
+    message: Option<String>,
+    seconds: f64,
+    threads: usize,
+    build: Option<String>,
+    mesh: Option<String>,
+    surface: Option<String>,
+    #[serde(default)]
+    coverage: Option<ReadCoverage>,
+    #[serde(default)]
+    truth_coverage: Option<ReadTruthCoverage>,
+    report: Option<ReadReport>,
+    result_topology: Option<Form>,
+    truth_topology: Option<Form>,
+}
+
+#[derive(Default, Deserialize)]
+struct ReadCoverage {
+    mean_code: Option<f64>,
+    evenness: Option<f64>,
+    folded: Option<f64>,
+    distinct_share: Option<f64>,
+    q_to_s: Option<f64>,
+    s_to_q: Option<f64>,
+}
+
+#[derive(Default, Deserialize)]
+struct ReadTruthCoverage {
+    s_to_truth: Option<f64>,
+    truth_to_s: Option<f64>,
+    truth_to_q: Option<f64>,
+    floor: Option<f64>,
+}
+
+#[derive(Deserialize)]
+struct ReadReport {
+    metrics: ReadMetrics,
+    floor: Option<ReadFloor>,
+}
+
+#[derive(Deserialize)]
+struct ReadMetrics {
+    cd_l1: f64,
+    cd_l2: f64,
+    nc: Option<f64>,
+    hd: f64,
+    /// At half, once and twice the threshold.
+    fscores: [ReadScore; 3],
+}
+
+#[derive(Deserialize)]
+struct ReadScore {
+    f: f64,
+}
+
+#[derive(Deserialize)]
+struct ReadFloor {
+    cd_l1: f64,
+}
+
 impl Record {
     /// Reads a line, or says what is wrong with it.
     pub fn read(line: &str) -> Result<Record, String> {
-        let json = serde_json::from_str::<Value>(line).map_err(|fault| fault.to_string())?;
-        let missing = |key: &str| format!("{key} is missing or of another kind");
-        let text = |key: &str| json.get(key).and_then(Value::as_str).map(str::to_string);
-        let need = |key: &str| text(key).ok_or_else(|| missing(key));
-        let failure = match need("status")?.as_str() {
-            "ok" => None,
-            "failed" => Some(need("message")?),
-            other => return Err(format!("the status {other:?} is unknown")),
+        let line: ReadLine = serde_json::from_str(line).map_err(|fault| fault.to_string())?;
+        let failure = match line.status {
+            Status::Ok => None,
+            Status::Failed => Some(line.message.ok_or("a failed run has no message")?),
         };
-        let part = |key: &str| json.get(key).filter(|value| !value.is_null());
-        // The fingerprint finds the run; these are for other readers of the file.
-        need("shape")?;
-        need("setting")?;
-        part("seed").and_then(Value::as_u64).ok_or_else(|| missing("seed"))?;
+        let (own, truth) = (line.coverage.unwrap_or_default(), line.truth_coverage.unwrap_or_default());
         Ok(Record {
-            fingerprint: need("fingerprint")?,
+            fingerprint: line.fingerprint,
             failure,
-            seconds: part("seconds").and_then(Value::as_f64).ok_or_else(|| missing("seconds"))?,
-            threads: part("threads").and_then(whole).ok_or_else(|| missing("threads"))?,
-            build: text("build"),
-            mesh: text("mesh"),
-            surface: text("surface"),
-            cover: cover(&json),
-            figures: part("report").map(|r| figures(r).ok_or_else(|| missing("report"))).transpose()?,
-            result: part("result_topology")
-                .map(|t| form(t).ok_or_else(|| missing("result_topology")))
-                .transpose()?,
-            truth: part("truth_topology")
-                .map(|t| form(t).ok_or_else(|| missing("truth_topology")))
-                .transpose()?,
+            seconds: line.seconds,
+            threads: line.threads,
+            build: line.build,
+            mesh: line.mesh,
+            surface: line.surface,
+            cover: Cover {
+                mean_code: own.mean_code,
+                evenness: own.evenness,
+                folded: own.folded,
+                distinct: own.distinct_share,
+                q_to_s: own.q_to_s,
+                s_to_q: own.s_to_q,
+                s_to_truth: truth.s_to_truth,
+                truth_to_s: truth.truth_to_s,
+                truth_to_q: truth.truth_to_q,
+                floor: truth.floor,
+            },
+            figures: line.report.map(|ReadReport { metrics, floor }| Figures {
+                cd_l1: metrics.cd_l1,
+                cd_l2: metrics.cd_l2,
+                nc: metrics.nc,
+                hd: metrics.hd,
+                f: metrics.fscores[1].f,
+                floor: floor.map(|floor| floor.cd_l1),
+            }),
+            result: line.result_topology,
+            truth: line.truth_topology,
         })
     }
-}
-
-fn whole(json: &Value) -> Option<usize> {
-    json.as_u64()?.try_into().ok()
-}
-
-fn form(json: &Value) -> Option<Form> {
-    Some(Form {
-        components: whole(json.get("components")?)?,
-        genus: json.get("genus").and_then(Value::as_i64),
-        closed: json.get("closed")?.as_bool()?,
-        oriented: json.get("oriented")?.as_bool()?,
-    })
-}
-
-/// Lines of earlier builds have none of this.
-fn cover(json: &Value) -> Cover {
-    let number = |part: &str, key: &str| json.get(part)?.get(key)?.as_f64();
-    let own = |key: &str| number("coverage", key);
-    let truth = |key: &str| number("truth_coverage", key);
-    Cover {
-        mean_code: own("mean_code"),
-        evenness: own("evenness"),
-        folded: own("folded"),
-        distinct: own("distinct_share"),
-        q_to_s: own("q_to_s"),
-        s_to_q: own("s_to_q"),
-        s_to_truth: truth("s_to_truth"),
-        truth_to_s: truth("truth_to_s"),
-        truth_to_q: truth("truth_to_q"),
-        floor: truth("floor"),
-    }
-}
-
-fn figures(report: &Value) -> Option<Figures> {
-    let metrics = report.get("metrics")?;
-    let number = |key: &str| metrics.get(key)?.as_f64();
-    Some(Figures {
-        cd_l1: number("cd_l1")?,
-        cd_l2: number("cd_l2")?,
-        nc: number("nc"),
-        hd: number("hd")?,
-        // At half, once and twice the threshold.
-        f: metrics.get("fscores")?.get(1)?.get("f")?.as_f64()?,
-        floor: report.get("floor").and_then(|f| f.get("cd_l1")?.as_f64()),
-    })
 }
 
 #[cfg(test)]
@@ -241,6 +312,7 @@ pub mod tests {
     use bijective_sdf::bsp::CodeCoverage;
     use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
     use bijective_sdf::geometry::TriangleMesh;
+    use serde_json::Value;
 
     const COVERAGE: Coverage = Coverage {
         points: 3,

@@ -277,7 +277,7 @@ mod tests {
         assert_eq!(list, ["noisy", "part", "wide"]);
         let find = |name: &str| settings.iter().find(|s| s.name == name).unwrap();
         let wide = Config {
-            field: bijective_sdf::gdo::FieldConfig { width: 32, ..Config::preset(Preset::Fast).field },
+            field: bijective_sdf::field::FieldConfig { width: 32, ..Config::preset(Preset::Fast).field },
             ..Config::preset(Preset::Fast)
         };
         assert_eq!(find("wide").config, wide);

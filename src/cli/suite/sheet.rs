@@ -18,7 +18,7 @@ const WIDTH: usize = 2640;
 /// Width over height that the picture comes near to.
 const ASPECT: f64 = 1.2;
 /// Columns beyond which labels would not fit.
-const MOST_COLUMNS: usize = 4;
+const MAX_COLUMNS: usize = 4;
 /// Pictures of a shape.
 const PANELS: usize = 4;
 /// Most pixels a side of one of them.
@@ -70,7 +70,7 @@ impl Layout {
             let [width, height] = l.size();
             ((width as f64 / height as f64) / ASPECT).ln().abs()
         };
-        let all = (1..=shapes.min(MOST_COLUMNS)).map(layout);
+        let all = (1..=shapes.min(MAX_COLUMNS)).map(layout);
         all.min_by(|a, b| off(a).total_cmp(&off(b))).expect("one column at least")
     }
 

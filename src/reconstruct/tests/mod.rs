@@ -1,5 +1,6 @@
 //! Tests of the whole training, and the small clouds and options that they share.
 
+pub(super) mod ablations;
 mod gradients;
 mod recovery;
 mod run;
@@ -7,7 +8,7 @@ mod shapes;
 mod trace;
 
 use super::*;
-use crate::gdo::Activation;
+use crate::field::Activation;
 use crate::geometry::Shape;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -26,7 +27,7 @@ pub(in crate::reconstruct) fn tiny() -> Config {
     config.bsp.reach = 5;
     config.bsp_pretrain = 5;
     // One width, so that the states these tests look at do not change with the choice among several.
-    (config.start.width, config.start.regularity) = (0.5, 0.05);
+    (config.start.dipole_radius, config.start.regularity) = (0.5, 0.05);
     config.start.steps = 30;
     config.stages = vec![Stage { resolution: 8, steps: 6 }, Stage { resolution: 12, steps: 6 }];
     // The grids that the stages say, whatever the area.
@@ -46,7 +47,7 @@ pub(in crate::reconstruct) fn noisy(n: usize) -> (Vec<[f32; 3]>, Config) {
     let mut shift = || -> f32 { rng.random_range(-0.2..0.2) };
     let points = ball(n).into_iter().map(|p| p.map(|x| x + shift())).collect();
     let mut config = tiny();
-    (config.start.width, config.reference_area) = (0.0, 20.0);
+    (config.start.dipole_radius, config.reference_area) = (0.0, 20.0);
     (points, config)
 }
 

@@ -15,7 +15,7 @@ fn the_threads_do_not_change_a_byte() {
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
     let samples = Config { surface_samples: 300, ..tiny() };
     let (scattered, finer) = noisy(120);
-    let charts = ablations::with_charts(large.clone());
+    let charts = super::ablations::with_charts(large.clone());
     let exact = [tiny(), large, offset, samples, charts].map(|config| (points.clone(), config));
     for (points, config) in exact.into_iter().chain([(scattered, finer)]) {
         let on = |threads: usize| {
@@ -39,7 +39,7 @@ fn the_paper_preset_takes_its_steps() {
             terms.push(r.para > 0.0 && r.deform > 0.0 && r.surf > 0.0);
             assert!((r.loss - (10.0 * r.para + r.deform + 0.01 * r.surf)).abs() < 1e-4 * r.loss);
             assert_eq!(
-                (r.eikonal, r.laplacian, r.points, r.pull, r.cover, r.bridge),
+                (r.eikonal, r.laplacian, r.on_points, r.pull, r.cover, r.bridge),
                 (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             );
         }

@@ -24,7 +24,7 @@ fn small(preset: Preset) -> Config {
     (config.field.width, config.field.depth, config.field.octaves) = (16, 2, 1);
     config.bsp = crate::bsp::BspConfig { channels: 8, heads: 2, patch: 4, ..config.bsp };
     config.bsp_pretrain = config.bsp_pretrain.min(4);
-    (config.start.steps, config.start.width) = (like.start.steps, like.start.width);
+    (config.start.steps, config.start.dipole_radius) = (like.start.steps, like.start.dipole_radius);
     config.stages =
         vec![Stage { resolution: 8, steps: STEPS / 2 }, Stage { resolution: 12, steps: STEPS / 2 }];
     config.surface_samples = config.surface_samples.min(200);

@@ -1,0 +1,13 @@
+//! The tetrahedral grid: marching tetrahedra, and the search for the part of the grid that the surface crosses.
+
+mod active_set;
+mod bricks;
+mod level;
+mod marching;
+mod narrow_band;
+mod tet_grid;
+
+pub use active_set::{ActiveSet, FieldFn};
+pub use marching::{BandTopology, Isosurface, march};
+pub use narrow_band::{NarrowBandOptions, active_set, extract, interpolate};
+pub use tet_grid::TetGrid;

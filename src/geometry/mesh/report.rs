@@ -1,0 +1,581 @@
+//! What a triangle mesh is like: counts, closedness, orientation, genus, volume, and its components.
+
+use super::TriangleMesh;
+use crate::geometry::vec3::{dot, sub, triangle_normal};
+use std::fmt;
+
+/// The report of [`TriangleMesh::topology`].
+///
+/// An edge is a pair of different vertices that follow each other in a face. Components are sets of faces connected
+/// through shared vertices; vertices that no face uses belong to none.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Topology {
+    /// Number of vertices v, used or not.
+    pub verts: usize,
+    /// Vertices that no face uses.
+    pub unused_verts: usize,
+    /// Number of edges e.
+    pub edges: usize,
+    /// Number of faces f.
+    pub faces: usize,
+    /// Edges in one face only.
+    pub boundary_edges: usize,
+    /// Edges in more than two faces.
+    pub nonmanifold_edges: usize,
+    /// Number of components.
+    pub components: usize,
+    /// Euler number: used vertices - edges + faces.
+    pub euler: i64,
+    /// Number of handles, summed over the components; known only for a closed and oriented mesh, and not where an odd
+    /// Euler number shows that surfaces touch in single vertices.
+    pub genus: Option<i64>,
+    /// There are faces, and every edge is in exactly two of them.
+    pub closed: bool,
+    /// No edge is used twice in the same direction; with `closed`, every edge is used once in each direction.
+    pub oriented: bool,
+    /// Enclosed volume, positive when faces run counter-clockwise seen from outside; meaningful for closed meshes.
+    pub volume: f64,
+    /// Sum of the areas of the faces.
+    pub area: f64,
+    /// Least and greatest coordinates over all vertices, NaN on an axis where a coordinate is NaN; none if there are
+    /// no vertices.
+    pub bounds: Option<[[f32; 3]; 2]>,
+    /// Faces that name a vertex twice or have no area.
+    pub degenerate_faces: usize,
+}
+
+impl fmt::Display for Topology {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{} vertices, {} edges, {} faces", self.verts, self.edges, self.faces)?;
+        let plural = if self.components == 1 { "" } else { "s" };
+        write!(f, "; {} component{plural}, Euler number {}", self.components, self.euler)?;
+        if let Some(genus) = self.genus {
+            write!(f, ", genus {genus}")?;
+        }
+        write!(f, "; {}", if self.closed { "closed" } else { "not closed" })?;
+        write!(f, ", {}", if self.oriented { "oriented" } else { "not oriented" })?;
+        for (count, what) in [
+            (self.boundary_edges, "boundary edges"),
+            (self.nonmanifold_edges, "non-manifold edges"),
+            (self.degenerate_faces, "degenerate faces"),
+            (self.unused_verts, "unused vertices"),
+        ] {
+            if count > 0 {
+                write!(f, ", {count} {what}")?;
+            }
+        }
+        write!(f, "; volume {:.6}, area {:.6}", self.volume, self.area)?;
+        if let Some([lo, hi]) = self.bounds {
+            write!(f, "; from {lo:?} to {hi:?}")?;
+        }
+        Ok(())
+    }
+}
+
+/// One connected part of a mesh; the parts are connected through shared vertices.
+#[derive(Clone, Debug, PartialEq)]
+pub struct MeshComponent {
+    /// Indices of its faces, ascending.
+    pub faces: Vec<u32>,
+    /// Enclosed volume; negative for a cavity, meaningful for closed components.
+    pub volume: f64,
+    /// Sum of the areas of its faces.
+    pub area: f64,
+}
+
+impl TriangleMesh {
+    /// Counts and measures the mesh. Takes time linear in the faces, but for sorting the few edges of each vertex.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn topology(&self) -> Topology {
+        self.check_faces("topology");
+        let usage = EdgeUsage::of(self);
+        let roots = self.roots();
+        let mut used = vec![false; self.verts.len()];
+        for &v in self.faces.iter().flatten() {
+            used[v as usize] = true;
+        }
+        let used_verts = used.iter().filter(|&&u| u).count();
+        let components = (0..used.len()).filter(|&v| used[v] && roots[v] as usize == v).count();
+        let euler = used_verts as i64 - usage.edges as i64 + self.faces.len() as i64;
+        let closed = !self.faces.is_empty() && usage.boundary == 0 && usage.nonmanifold == 0;
+        let handles_twice = 2 * components as i64 - euler;
+        let centre = self.centre();
+        let (mut volume, mut area, mut degenerate_faces) = (0.0, 0.0, 0);
+        for &face in &self.faces {
+            let part = self.measure(face, centre);
+            volume += part.0;
+            area += part.1;
+            let [a, b, c] = face;
+            degenerate_faces += usize::from(a == b || b == c || c == a || part.1 == 0.0);
+        }
+        Topology {
+            verts: self.verts.len(),
+            unused_verts: self.verts.len() - used_verts,
+            edges: usage.edges,
+            faces: self.faces.len(),
+            boundary_edges: usage.boundary,
+            nonmanifold_edges: usage.nonmanifold,
+            components,
+            euler,
+            genus: (closed && usage.oriented && handles_twice % 2 == 0).then_some(handles_twice / 2),
+            closed,
+            oriented: usage.oriented,
+            volume,
+            area,
+            bounds: self.extent(),
+            degenerate_faces,
+        }
+    }
+
+    /// Unit normals at the vertices, v x 3: the mean of the face normals around each, weighted by area.
+    ///
+    /// They point outwards where faces run counter-clockwise seen from outside. A vertex without faces, or whose
+    /// faces cancel, has the zero vector.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn vertex_normals(&self) -> Vec<[f32; 3]> {
+        self.check_faces("vertex_normals");
+        let mut sums = vec![[0.0f64; 3]; self.verts.len()];
+        for &face in &self.faces {
+            let normal = triangle_normal(self.corners(face));
+            for v in face {
+                (0..3).for_each(|i| sums[v as usize][i] += normal[i]);
+            }
+        }
+        let unit = |n: [f64; 3]| {
+            let len = dot(n, n).sqrt();
+            if len == 0.0 { [0.0; 3] } else { n.map(|x| (x / len) as f32) }
+        };
+        sums.into_iter().map(unit).collect()
+    }
+
+    /// The connected parts, in the order of their first faces.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn split_components(&self) -> Vec<MeshComponent> {
+        self.check_faces("split_components");
+        let roots = self.roots();
+        let mut number = vec![u32::MAX; self.verts.len()];
+        let mut parts: Vec<MeshComponent> = Vec::new();
+        let centre = self.centre();
+        for (i, &face) in (0..).zip(&self.faces) {
+            let slot = &mut number[roots[face[0] as usize] as usize];
+            if *slot == u32::MAX {
+                *slot = parts.len() as u32;
+                parts.push(MeshComponent { faces: Vec::new(), volume: 0.0, area: 0.0 });
+            }
+            let part = &mut parts[*slot as usize];
+            let (volume, area) = self.measure(face, centre);
+            part.faces.push(i);
+            part.volume += volume;
+            part.area += area;
+        }
+        parts
+    }
+
+    /// The components with at least `share` of the largest one's area, in the same order of faces and vertices.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn keep_large(&self, share: f64) -> TriangleMesh {
+        let parts = self.split_components();
+        let largest = parts.iter().map(|p| p.area).fold(0.0, f64::max);
+        let kept = parts.into_iter().filter(|p| p.area >= share * largest);
+        let mut faces: Vec<u32> = kept.flat_map(|p| p.faces).collect();
+        faces.sort_unstable();
+        self.select_faces(&faces)
+    }
+
+    /// The mesh of the given faces and the vertices they use, both in the given and in the old order respectively.
+    ///
+    /// # Panics
+    ///
+    /// If there is no such face, or a face names a vertex that is not there.
+    #[track_caller]
+    pub fn select_faces(&self, faces: &[u32]) -> TriangleMesh {
+        for &i in faces {
+            assert!((i as usize) < self.faces.len(), "select_faces: face {i} of {}", self.faces.len());
+        }
+        let faces = faces.iter().map(|&i| self.faces[i as usize]).collect();
+        let mut part = TriangleMesh { verts: self.verts.clone(), faces };
+        part.remove_unused_verts();
+        part
+    }
+
+    /// Drops the vertices that no face uses, keeps the order of the others, and returns how many were dropped.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn remove_unused_verts(&mut self) -> usize {
+        self.check_faces("remove_unused_verts");
+        let mut moved = vec![u32::MAX; self.verts.len()];
+        for &v in self.faces.iter().flatten() {
+            moved[v as usize] = 0;
+        }
+        let before = self.verts.len();
+        let mut kept = 0;
+        for (v, to) in moved.iter_mut().enumerate() {
+            if *to == 0 {
+                *to = kept as u32;
+                self.verts[kept] = self.verts[v];
+                kept += 1;
+            }
+        }
+        self.verts.truncate(kept);
+        for v in self.faces.iter_mut().flatten() {
+            *v = moved[*v as usize];
+        }
+        before - kept
+    }
+
+    #[track_caller]
+    fn check_faces(&self, what: &str) {
+        let n = self.verts.len();
+        for (i, face) in self.faces.iter().enumerate() {
+            assert!(
+                face.iter().all(|&v| (v as usize) < n),
+                "{what}: face {i} is {face:?}, but there are {n} vertices"
+            );
+        }
+    }
+
+    /// For each vertex one vertex of its component, the same for all of them (union-find with halved paths).
+    fn roots(&self) -> Vec<u32> {
+        let mut up: Vec<u32> = (0..self.verts.len() as u32).collect();
+        let find = |up: &mut [u32], mut v: u32| {
+            while up[v as usize] != v {
+                up[v as usize] = up[up[v as usize] as usize];
+                v = up[v as usize];
+            }
+            v
+        };
+        for &[a, b, c] in &self.faces {
+            for other in [b, c] {
+                let (p, q) = (find(&mut up, a), find(&mut up, other));
+                up[p.max(q) as usize] = p.min(q);
+            }
+        }
+        // Every link leads to a smaller number, so one ascending pass flattens the trees.
+        for v in 0..up.len() {
+            up[v] = up[up[v] as usize];
+        }
+        up
+    }
+
+    fn extent(&self) -> Option<[[f32; 3]; 2]> {
+        let first = *self.verts.first()?;
+        let pick = |old: f32, new: f32, better: bool| {
+            if old.is_nan() || new.is_nan() {
+                f32::NAN
+            } else if better {
+                new
+            } else {
+                old
+            }
+        };
+        Some(self.verts.iter().fold([first; 2], |[lo, hi], p| {
+            [
+                std::array::from_fn(|a| pick(lo[a], p[a], p[a] < lo[a])),
+                std::array::from_fn(|a| pick(hi[a], p[a], p[a] > hi[a])),
+            ]
+        }))
+    }
+
+    /// The middle of the bounds. Volumes are measured from here, so that a mesh far from the origin loses no digits.
+    fn centre(&self) -> [f64; 3] {
+        let [lo, hi] = self.extent().unwrap_or_default();
+        std::array::from_fn(|a| 0.5 * (f64::from(lo[a]) + f64::from(hi[a])))
+    }
+
+    fn corners(&self, face: [u32; 3]) -> [[f64; 3]; 3] {
+        face.map(|v| self.verts[v as usize].map(f64::from))
+    }
+
+    /// Volume of the tetrahedron between a face and `centre`, and area of the face.
+    fn measure(&self, face: [u32; 3], centre: [f64; 3]) -> (f64, f64) {
+        let corners = self.corners(face);
+        let normal = triangle_normal(corners);
+        (dot(sub(corners[0], centre), normal) / 6.0, 0.5 * dot(normal, normal).sqrt())
+    }
+}
+
+/// How the edges of a mesh are used.
+struct EdgeUsage {
+    edges: usize,
+    boundary: usize,
+    nonmanifold: usize,
+    oriented: bool,
+}
+
+impl EdgeUsage {
+    /// Puts each use of an edge with its lower vertex, then sorts the few uses there by the other vertex.
+    fn of(mesh: &TriangleMesh) -> Self {
+        let sides = || {
+            mesh.faces
+                .iter()
+                .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
+                .filter(|[a, b]| a != b)
+                .map(|[a, b]| (a.min(b) as usize, u64::from(a.max(b)) << 1 | u64::from(a > b)))
+        };
+        let mut end = vec![0usize; mesh.verts.len() + 1];
+        for (lower, _) in sides() {
+            end[lower + 1] += 1;
+        }
+        for i in 0..mesh.verts.len() {
+            end[i + 1] += end[i];
+        }
+        // Filling moves each start to its end, which is the next one's start.
+        let mut uses = vec![0u64; end[mesh.verts.len()]];
+        for (lower, side) in sides() {
+            uses[end[lower]] = side;
+            end[lower] += 1;
+        }
+        let mut usage = EdgeUsage { edges: 0, boundary: 0, nonmanifold: 0, oriented: true };
+        let mut start = 0;
+        for &end in &end[..mesh.verts.len()] {
+            let bucket = &mut uses[start..end];
+            bucket.sort_unstable();
+            for edge in bucket.chunk_by(|a, b| a >> 1 == b >> 1) {
+                let backward = edge.iter().filter(|&&side| side & 1 == 1).count();
+                usage.edges += 1;
+                usage.boundary += usize::from(edge.len() == 1);
+                usage.nonmanifold += usize::from(edge.len() > 2);
+                usage.oriented &= backward <= 1 && edge.len() - backward <= 1;
+            }
+            start = end;
+        }
+        usage
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{TetGrid, interpolate, march};
+    use proptest::prelude::*;
+    use std::collections::{BTreeMap, BTreeSet};
+
+    fn tetrahedron(at: f32) -> TriangleMesh {
+        let verts = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        TriangleMesh {
+            verts: verts.map(|p| p.map(|x| x + at)).to_vec(),
+            faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
+        }
+    }
+
+    fn joined(parts: &[TriangleMesh]) -> TriangleMesh {
+        let mut all = TriangleMesh::default();
+        for part in parts {
+            let first = all.verts.len() as u32;
+            all.verts.extend(&part.verts);
+            all.faces.extend(part.faces.iter().map(|f| f.map(|v| v + first)));
+        }
+        all
+    }
+
+    fn level_set(resolution: usize, field: impl Fn([f64; 3]) -> f64) -> TriangleMesh {
+        let grid = TetGrid::covering([-1.0; 3], [1.0; 3], resolution, 1).unwrap();
+        let positions: Vec<_> = (0..grid.vertex_count() as u32).map(|v| grid.position(v)).collect();
+        let values: Vec<_> = positions.iter().map(|p| field(p.map(f64::from)) as f32).collect();
+        let surface = march(&grid.tets(), |v| values[v as usize] < 0.0);
+        TriangleMesh { verts: interpolate(&positions, &values, &surface.edges), faces: surface.faces }
+    }
+
+    #[test]
+    fn a_tetrahedron_by_hand() {
+        let t = tetrahedron(1000.0).topology();
+        assert_eq!((t.verts, t.edges, t.faces, t.components), (4, 6, 4, 1));
+        assert_eq!((t.euler, t.genus, t.closed, t.oriented), (2, Some(0), true, true));
+        assert!((t.volume - 1.0 / 6.0).abs() < 1e-12);
+        assert!((t.area - (1.5 + 0.75f64.sqrt())).abs() < 1e-12);
+        assert_eq!(t.bounds, Some([[1000.0; 3], [1001.0; 3]]));
+        let text = t.to_string();
+        assert!(text.starts_with(
+            "4 vertices, 6 edges, 4 faces; 1 component, Euler number 2, genus 0; closed, oriented; volume 0.166667"
+        ));
+    }
+
+    #[test]
+    fn faults_are_counted() {
+        let mut open = tetrahedron(0.0);
+        open.faces.pop();
+        let t = open.topology();
+        assert_eq!((t.boundary_edges, t.closed, t.oriented, t.genus), (3, false, true, None));
+        let mut flipped = tetrahedron(0.0);
+        flipped.faces[3] = [1, 3, 2];
+        let t = flipped.topology();
+        assert_eq!((t.closed, t.oriented, t.genus), (true, false, None));
+        let mut fin = tetrahedron(0.0);
+        fin.verts.push([2.0; 3]);
+        fin.verts.push([3.0; 3]);
+        fin.faces.extend([[0, 1, 4], [2, 2, 3]]);
+        let t = fin.topology();
+        assert_eq!((t.nonmanifold_edges, t.boundary_edges, t.degenerate_faces, t.unused_verts), (2, 2, 1, 1));
+        assert!(fin.topology().to_string().contains("not closed, not oriented, 2 boundary edges"));
+        let mut torn = tetrahedron(0.0);
+        torn.verts[1][2] = f32::NAN;
+        let t = torn.topology();
+        assert!(t.volume.is_nan() && t.area.is_nan() && t.bounds.unwrap()[0][2].is_nan());
+    }
+
+    #[test]
+    fn the_empty_mesh() {
+        let mut empty = TriangleMesh::default();
+        let t = empty.topology();
+        assert_eq!((t.components, t.euler, t.closed, t.genus, t.bounds), (0, 0, false, None, None));
+        assert!(empty.vertex_normals().is_empty() && empty.split_components().is_empty());
+        assert_eq!(empty.remove_unused_verts(), 0);
+    }
+
+    #[test]
+    #[should_panic(expected = "face 4 is [0, 1, 4], but there are 4 vertices")]
+    fn a_missing_vertex_is_refused() {
+        let mut mesh = tetrahedron(0.0);
+        mesh.faces.push([0, 1, 4]);
+        mesh.topology();
+    }
+
+    #[test]
+    fn parts_are_split_measured_and_selected() {
+        let mut cavity = tetrahedron(5.0);
+        cavity.faces.iter_mut().for_each(|f| f.swap(0, 1));
+        let mut all = joined(&[tetrahedron(0.0), cavity.clone()]);
+        all.verts.insert(0, [9.0; 3]);
+        all.faces.iter_mut().flatten().for_each(|v| *v += 1);
+        all.faces.swap(1, 6);
+        let parts = all.split_components();
+        assert_eq!(parts.len(), 2);
+        assert_eq!(parts[0].faces, [0, 2, 3, 6]);
+        assert!((parts[0].volume - 1.0 / 6.0).abs() < 1e-6 && (parts[1].volume + 1.0 / 6.0).abs() < 1e-6);
+        let second = all.select_faces(&parts[1].faces);
+        assert_eq!(second.verts, cavity.verts);
+        assert_eq!(second.topology().faces, 4);
+        assert_eq!(all.remove_unused_verts(), 1);
+        assert_eq!(all.verts.len(), 8);
+        assert_eq!(all.topology().unused_verts, 0);
+    }
+
+    /// Sphere, torus and two spheres: the right topology at once, volume and area with an error that falls with the
+    /// square of the spacing.
+    #[test]
+    fn known_shapes_converge() {
+        use std::f64::consts::PI;
+        let ball = |p: [f64; 3], c: f64, r: f64| dot(sub(p, [c, 0.0, 0.0]), sub(p, [c, 0.0, 0.0])).sqrt() - r;
+        let sphere = |p| ball(p, 0.0, 0.8);
+        let torus = |[x, y, z]: [f64; 3]| (x.hypot(y) - 0.6).hypot(z) - 0.25;
+        let two = |p| ball(p, -0.5, 0.4).min(ball(p, 0.5, 0.3));
+        type Field<'a> = &'a dyn Fn([f64; 3]) -> f64;
+        let shapes: [(Field<'_>, i64, i64, f64, f64); 3] = [
+            (&sphere, 2, 0, 4.0 / 3.0 * PI * 0.512, 4.0 * PI * 0.64),
+            (&torus, 0, 1, 2.0 * PI * PI * 0.6 * 0.0625, 4.0 * PI * PI * 0.6 * 0.25),
+            (&two, 4, 0, 4.0 / 3.0 * PI * (0.064 + 0.027), 4.0 * PI * (0.16 + 0.09)),
+        ];
+        for (field, euler, genus, volume, area) in shapes {
+            let errors = [18, 34].map(|resolution| {
+                let t = level_set(resolution, field).topology();
+                assert!(t.closed && t.oriented && t.degenerate_faces == 0, "{t}");
+                assert_eq!((t.euler, t.genus), (euler, Some(genus)));
+                assert_eq!(t.components as i64, euler / 2 + genus);
+                [t.volume / volume - 1.0, t.area / area - 1.0]
+            });
+            for (coarse, fine) in errors[0].into_iter().zip(errors[1]) {
+                assert!(coarse.abs() < 0.08 && fine.abs() < 0.4 * coarse.abs(), "{coarse} {fine}");
+            }
+        }
+    }
+
+    #[test]
+    fn sphere_normals_point_outwards() {
+        let mesh = level_set(18, |p| dot(p, p).sqrt() - 0.8);
+        for (n, p) in mesh.vertex_normals().iter().zip(&mesh.verts) {
+            let (n, p) = (n.map(f64::from), p.map(f64::from));
+            assert!((dot(n, n) - 1.0).abs() < 1e-6);
+            assert!(dot(n, p) / dot(p, p).sqrt() > 0.97);
+        }
+    }
+
+    /// Counts through ordered maps, one entry at a time.
+    fn naive(mesh: &TriangleMesh) -> (usize, usize, usize, bool, usize) {
+        let mut uses: BTreeMap<[u32; 2], [usize; 2]> = BTreeMap::new();
+        for f in &mesh.faces {
+            for i in 0..3 {
+                let (a, b) = (f[i], f[(i + 1) % 3]);
+                if a != b {
+                    uses.entry([a.min(b), a.max(b)]).or_default()[usize::from(a > b)] += 1;
+                }
+            }
+        }
+        let count = |n: &dyn Fn(usize) -> bool| uses.values().filter(|u| n(u[0] + u[1])).count();
+        let mut left: BTreeSet<usize> = (0..mesh.faces.len()).collect();
+        let mut components = 0;
+        while let Some(first) = left.pop_first() {
+            components += 1;
+            let mut queue = vec![first];
+            while let Some(i) = queue.pop() {
+                let touching = |j: &usize| mesh.faces[*j].iter().any(|v| mesh.faces[i].contains(v));
+                let next: Vec<usize> = left.iter().copied().filter(touching).collect();
+                next.iter().for_each(|j| assert!(left.remove(j)));
+                queue.extend(next);
+            }
+        }
+        let oriented = uses.values().all(|u| u[0] <= 1 && u[1] <= 1);
+        (uses.len(), count(&|n| n == 1), count(&|n| n > 2), oriented, components)
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(128))]
+        #[test]
+        fn any_faces_agree_with_the_naive_twin(
+            n in 1u32..13,
+            picks in prop::collection::vec(prop::array::uniform3(0u32..1000), 0..13),
+        ) {
+            let verts = (0..n).map(|i| [i as f32, (i * i) as f32, 0.5 * (i % 3) as f32]).collect();
+            let mesh = TriangleMesh { verts, faces: picks.iter().map(|f| f.map(|v| v % n)).collect() };
+            let t = mesh.topology();
+            prop_assert_eq!(
+                (t.edges, t.boundary_edges, t.nonmanifold_edges, t.oriented, t.components),
+                naive(&mesh)
+            );
+            prop_assert_eq!(mesh.split_components().len(), t.components);
+            let mut used = mesh.clone();
+            prop_assert_eq!(used.remove_unused_verts(), t.unused_verts);
+            let again = used.topology();
+            prop_assert_eq!((again.edges, again.euler, again.faces), (t.edges, t.euler, t.faces));
+        }
+
+        #[test]
+        fn random_signs_give_closed_oriented_surfaces(
+            r in prop::array::uniform3(1usize..7),
+            draws in prop::collection::vec(-1.0f32..1.0, 343),
+        ) {
+            let grid = TetGrid::new(r, [-0.5; 3], 0.25);
+            let ids = 0..grid.vertex_count() as u32;
+            let positions: Vec<_> = ids.clone().map(|v| grid.position(v)).collect();
+            let border = |v: u32| grid.is_border(grid.vertex_coords(v));
+            let values: Vec<f32> =
+                ids.map(|v| if border(v) { 1.0 } else { draws[v as usize % draws.len()] }).collect();
+            let surface = march(&grid.tets(), |v| values[v as usize] < 0.0);
+            let empty = surface.faces.is_empty();
+            prop_assert_eq!(empty, values.iter().all(|&v| v >= 0.0));
+            let verts = interpolate(&positions, &values, &surface.edges);
+            let t = TriangleMesh { verts, faces: surface.faces }.topology();
+            prop_assert!(t.oriented && t.euler % 2 == 0 && t.unused_verts == 0);
+            prop_assert!(empty || (t.closed && t.volume > 0.0 && t.genus.is_some_and(|g| g >= 0)));
+            prop_assert_eq!(t.degenerate_faces, 0);
+        }
+    }
+}

@@ -1,0 +1,59 @@
+//! Arithmetic of points and vectors in space, as arrays of three numbers.
+//!
+//! Everything is summed in the order x, y, z, in the precision of its arguments: neighbour searches rank by exactly
+//! these bits.
+
+use std::ops::{Add, Mul, Sub};
+
+/// a - b.
+#[inline]
+pub(crate) fn sub<T: Copy + Sub<Output = T>>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+/// a . b.
+#[inline]
+pub(crate) fn dot<T: Copy + Add<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> T {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// a x b.
+#[inline]
+pub(crate) fn cross<T: Copy + Sub<Output = T> + Mul<Output = T>>(a: [T; 3], b: [T; 3]) -> [T; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
+/// |a - b|^2.
+#[inline]
+pub(crate) fn dist_sq<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>>(
+    a: [T; 3],
+    b: [T; 3],
+) -> T {
+    let d = sub(a, b);
+    dot(d, d)
+}
+
+/// |a - b| in f64, from differences in f32.
+#[inline]
+pub(crate) fn distance(a: [f32; 3], b: [f32; 3]) -> f64 {
+    distance_sq(a, b).sqrt()
+}
+
+/// |a - b|^2 in f64, from differences in f32.
+#[inline]
+pub(crate) fn distance_sq(a: [f32; 3], b: [f32; 3]) -> f64 {
+    let d = wide(sub(a, b));
+    dot(d, d)
+}
+
+/// The same point in f64.
+#[inline]
+pub(crate) fn wide(p: [f32; 3]) -> [f64; 3] {
+    p.map(f64::from)
+}
+
+/// The normal of a triangle, as long as twice its area; outward where the corners run counter-clockwise.
+#[inline]
+pub(crate) fn triangle_normal([a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
+    cross(sub(b, a), sub(c, a))
+}

@@ -1,0 +1,7 @@
+//! Linear algebra and smooth minimisation in 64 bits: large symmetric positive definite systems, and L-BFGS.
+
+mod cholesky;
+mod lbfgs;
+
+pub(crate) use cholesky::Symmetric;
+pub use lbfgs::{LbfgsOptions, LbfgsReport, lbfgs};

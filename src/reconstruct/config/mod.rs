@@ -1,0 +1,470 @@
+//! What can be chosen. Everything is in the working frame: the cloud centred, its longest side 1.
+
+mod options;
+mod preset;
+mod scale;
+
+#[cfg(feature = "checkpoint")]
+pub(super) use options::RENAMED;
+pub use preset::Preset;
+
+use crate::bsp::{BspConfig, Parameterization};
+use crate::error::{Error, ErrorKind};
+use crate::field::{Activation, FieldConfig, octave_factor};
+use crate::gdo::Deformation;
+use crate::optim::{Decay, Schedule};
+use crate::reconstruct::Phase;
+
+/// The shape that the field starts as.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum StartShape {
+    /// A sphere of radius `field.radius`, by the initial weights alone.
+    Sphere,
+    /// The surface that the parametric Gauss formula finds among the points (Lin et al. 2022), fitted by regression.
+    Gauss,
+    /// The surface of least bending through the points, or through 500 evenly spread ones if there are more (after
+    /// Huang et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is kept where no point is
+    /// near. For clouds of more than 1,024 points it is that of the Gauss formula.
+    Plate,
+}
+
+/// How the field gets its first shape. Only `shape` matters for a sphere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Start {
+    /// Which shape. Default `plate`; the paper does not say, its code starts from a sphere.
+    pub shape: StartShape,
+    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings; 0 takes of 0.25,
+    /// 0.5 and 1 the one that leads to the shape that fits the points best, or 0.5 for clouds of more than 1,024
+    /// points. Default 0.
+    pub dipole_radius: f32,
+    /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
+    pub regularity: f64,
+    /// Steps of the regression. Default 400.
+    pub steps: usize,
+    /// Learning rate of the regression. Default 2e-3.
+    pub rate: f32,
+}
+
+/// What is done to the field after the training.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Finishing {
+    /// Nothing.
+    None,
+    /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
+    /// points foretell each other ([`Finish`](crate::finish::Finish)); for clouds of 20 to a million points, others are
+    /// left as they are.
+    Points,
+}
+
+/// What the extracted surface is drawn to; the cloud alone if there is no parameterization.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Target {
+    /// The parameterized surface S (equation 5 of the paper).
+    Surface,
+    /// S united with the cloud Q, as in the authors' code.
+    SurfaceAndCloud,
+}
+
+/// Weights of the loss terms; a term of weight 0 is not computed. Those after the third are not in the paper.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Weights {
+    /// L_para, the squared Chamfer distance between S and Q (equation 3). Paper 10.
+    pub para: f32,
+    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5). Paper 1.
+    pub deform: f32,
+    /// What the weight of L_deform has been multiplied by at the end, falling geometrically: a strong pull to S early
+    /// is meant to rid the start of surface that no point asks for, a weak one late to leave the last word to the
+    /// points. Paper 1.
+    pub deform_decay: f32,
+    /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
+    pub surf: f32,
+    /// The mean of (|grad g| - 1)^2 on the active vertices, the cloud and bridges (Gropp et al. 2020).
+    pub eikonal: f32,
+    /// The mean squared uniform Laplacian of the extracted mesh.
+    pub laplacian: f32,
+    /// The mean of |g| on the cloud.
+    pub on_points: f32,
+    /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
+    /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
+    pub pull: f32,
+    /// The mean squared distance from each point of the cloud to the extracted surface.
+    pub cover: f32,
+    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack
+    /// of being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked
+    /// at on 128 cubes a side after 0.65 and 0.8 of the training.
+    pub bridge: f32,
+}
+
+/// A part of the training, at one grid resolution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Stage {
+    /// Cubes along each side of the grid, for a surface of usual area, see [`Config::reference_area`].
+    pub resolution: usize,
+    /// Steps.
+    pub steps: usize,
+}
+
+/// The part of the grid that training works on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Band {
+    /// Steps between two searches for the grid cubes that the surface crosses; a state to fall back to is kept each
+    /// time. Default 4.
+    pub refresh: usize,
+    /// Rings of cubes around the crossed ones that belong to the band, too. Default 0.
+    pub rings: usize,
+}
+
+/// How much of a large cloud one step sees; clouds below these sizes are seen whole.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Batch {
+    /// A cloud of more than `points` points is thinned first, to one in each cube of this many times the spacing of
+    /// the vertices of the finest grid in `stages`, before `reference_area`; 0 keeps them all. Default 0.25.
+    pub thin: f32,
+    /// Points of the cloud in a step, at most; drawn window by window from one fixed permutation. Default 4096.
+    pub points: usize,
+    /// Centres whose patches are trained in a step, at most; a compact block of the cloud, in turn. Default 1024.
+    pub centres: usize,
+}
+
+/// All options of a reconstruction.
+///
+/// Start from [`Config::preset`] and change fields, or [`set`](Self::set) them by name. Lengths are in the working
+/// frame, where the cloud's longest side is 1.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Config {
+    /// Seed of everything random. Default 0.
+    pub seed: u64,
+    /// Whether a run first adapts these options to the number of points, by [`for_points`](Self::for_points).
+    /// Default true.
+    pub scale_with_points: bool,
+    /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
+    /// they do ([`denoise`](crate::start::denoise())); for clouds of 50 to 500 points with another start than a sphere.
+    /// Default true; the paper does not.
+    pub denoise: bool,
+    /// The network g.
+    pub field: FieldConfig,
+    /// How a denser surface is made of the points. Default `bsp`.
+    pub parameterization: Parameterization,
+    /// The sizes of BSP; `patch` and, where they learn, `channels` hold for the other parameterizations, too.
+    pub bsp: BspConfig,
+    /// Steps on L_para alone before the training. Default 100; the paper has none.
+    pub bsp_pretrain: usize,
+    /// Whether S covers the field's first shape in the pretraining, and not the points alone. Default true.
+    pub bsp_pretrain_on_shape: bool,
+    /// Steps between two trainings of the parameterization during the training; 0 freezes it after its pretraining
+    /// (the paper's ablation without L_deform for BSP). Default 2, paper 1.
+    pub bsp_every: usize,
+    /// The shape that the field starts as.
+    pub start: Start,
+    /// What the extracted surface is drawn to. Default `surface-and-cloud`, paper `surface`.
+    pub target: Target,
+    /// How grid vertices move (equation 4). Default `projection`.
+    pub deformation: Deformation,
+    /// Weights of the loss terms.
+    pub weights: Weights,
+    /// Resolutions and steps of the training, in order. With none, nothing is trained, and the result is the first
+    /// shape itself.
+    pub stages: Vec<Stage>,
+    /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another area they
+    /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the spacing of
+    /// the points, and about as many cubes that the surface crosses. The first shape itself is taken from grids by its
+    /// own rule. Default 2.2; 0 trains on the same grid for all, as the paper does.
+    pub reference_area: f64,
+    /// The active part of the grid.
+    pub band: Band,
+    /// Parts of a large cloud in a step.
+    pub batch: Batch,
+    /// Samples on the faces of the extracted surface that stand for it where distances start from it; distances to it
+    /// are then to its faces. 0 takes its vertices for both. Default 8,000, which lie more evenly than the vertices of
+    /// a grid as fine as a preset's; paper 0.
+    pub surface_samples: usize,
+    /// Learning rate of the field. Default 5e-4 after a warm-up of 20 steps, then a cosine.
+    pub field_rate: Schedule,
+    /// Learning rate of the parameterization. Default 1e-3 after a warm-up of 20 steps, then a cosine.
+    pub bsp_rate: Schedule,
+    /// What is done to the field after the training. Default `points`; the paper does nothing.
+    pub finish: Finishing,
+    /// Largest length of the field's gradient, which is scaled down to it; 0 for none. Default 0.
+    pub clip: f64,
+    /// A part of the mesh whose area is below this share of the largest part's area is dropped. Default 0.01.
+    pub min_component: f64,
+}
+
+/// The highest frequency of the field's encoding.
+pub(in crate::reconstruct) const MAX_FREQUENCY: f32 = 1000.0;
+/// The most steps of a stage or phase.
+pub(in crate::reconstruct) const MAX_STEPS: usize = 10_000_000;
+/// The most samples on the surface.
+pub(in crate::reconstruct) const MAX_DRAWN: usize = 10_000_000;
+
+impl Config {
+    /// The steps of a phase; none without `stages`. A sphere needs no start, and without a parameterization, or one
+    /// that has nothing to learn, there is none to pretrain.
+    pub fn steps_in(&self, phase: Phase) -> usize {
+        match phase {
+            _ if self.stages.is_empty() => 0,
+            Phase::Start if self.start.shape == StartShape::Sphere => 0,
+            Phase::Start => self.start.steps,
+            Phase::Pretrain => match self.parameterization {
+                Parameterization::None | Parameterization::Upsample => 0,
+                _ => self.bsp_pretrain,
+            },
+            Phase::Train => self.stages.iter().map(|s| s.steps).sum(),
+        }
+    }
+
+    /// The steps of all phases together.
+    pub fn total_steps(&self) -> usize {
+        Phase::ALL.into_iter().map(|phase| self.steps_in(phase)).sum()
+    }
+
+    /// The phase of a step of the whole run, from 0, and the step's number within it. Steps beyond the last belong to
+    /// the training.
+    pub fn phase_at(&self, step: usize) -> (Phase, usize) {
+        let mut within = step;
+        for phase in [Phase::Start, Phase::Pretrain] {
+            let steps = self.steps_in(phase);
+            if within < steps {
+                return (phase, within);
+            }
+            within -= steps;
+        }
+        (Phase::Train, within)
+    }
+
+    /// Whether the options are in range and fit each other.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Config`] with the option and what to do about it.
+    pub fn validate(&self) -> Result<(), Error> {
+        self.validate_result()?;
+        self.validate_parameterization()?;
+        self.validate_training()
+    }
+
+    /// Whether those options are in range that a trained field and its mesh follow from.
+    pub(in crate::reconstruct) fn validate_result(&self) -> Result<(), Error> {
+        let f = &self.field;
+        within("field.width", f.width, 1, 1024)?;
+        within("field.depth", f.depth, 1, 32)?;
+        within("field.octaves", f.octaves, 0, 16)?;
+        positive("field.frequency", f.frequency, 1000.0)?;
+        let highest = f.frequency * octave_factor(f.octaves.saturating_sub(1));
+        let advice = "lower field.frequency or field.octaves: frequency 2^(octaves - 1) may be at most 1000";
+        check("field.octaves", f.octaves == 0 || highest <= MAX_FREQUENCY, f.octaves, advice)?;
+        positive("field.radius", f.radius, 0.57)?;
+        if let Activation::Softplus { beta } = f.activation {
+            positive("field.activation", beta, 1e6)?;
+        }
+        if let Some(skip) = f.skip {
+            let advice = "use a hidden layer from 1 to field.depth - 1, or none";
+            check("field.skip", skip > 0 && skip < f.depth, skip, advice)?;
+        }
+        let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
+        let fits = (0.0..=1.0).contains(&self.min_component);
+        check("mesh.min_component", fits, self.min_component, advice)
+    }
+
+    fn validate_parameterization(&self) -> Result<(), Error> {
+        let b = &self.bsp;
+        within("bsp.channels", b.channels, 2, 1024)?;
+        within("bsp.heads", b.heads, 1, b.channels)?;
+        let advice = "use an even number that is a multiple of bsp.heads";
+        check(
+            "bsp.channels",
+            b.channels.is_multiple_of(b.heads) && b.channels.is_multiple_of(2),
+            b.channels,
+            advice,
+        )?;
+        within("bsp.neighbours", b.neighbours, 1, 256)?;
+        within("bsp.patch", b.patch, 1, 256)?;
+        within("bsp.reach", b.reach, 0, 4096)?;
+        positive("bsp.code_density", b.code_density, 100.0)?;
+        let advice = "set bsp.layout = true and bsp.average_positions = false (and bsp.slack = 1, as the preset paper), \
+                      or bsp.charts = false";
+        check("bsp.charts", !b.charts || (b.layout && !b.average_positions), b.charts, advice)?;
+        check("bsp.slack", (0.0..=100.0).contains(&b.slack), b.slack, "use a number from 0 to 100")?;
+        check(
+            "bsp.normal_weight",
+            (0.0..=100.0).contains(&b.normal_weight),
+            b.normal_weight,
+            "use a number from 0 to 100",
+        )?;
+        if let Parameterization::Multiple { maps } = self.parameterization {
+            within("parameterization", maps, 2, 256)?;
+        }
+        not_negative("start.dipole_radius", f64::from(self.start.dipole_radius))?;
+        not_negative("start.regularity", self.start.regularity)?;
+        not_negative("reference_area", self.reference_area)?;
+        positive("start.rate", self.start.rate, 1.0)?;
+        for (key, rate) in [("field_rate", &self.field_rate), ("bsp_rate", &self.bsp_rate)] {
+            check_rate(key, rate)?;
+        }
+        Ok(())
+    }
+
+    fn validate_training(&self) -> Result<(), Error> {
+        let w = &self.weights;
+        for (key, weight) in [
+            ("weights.para", w.para),
+            ("weights.deform", w.deform),
+            ("weights.surf", w.surf),
+            ("weights.eikonal", w.eikonal),
+            ("weights.laplacian", w.laplacian),
+            ("weights.on_points", w.on_points),
+            ("weights.pull", w.pull),
+            ("weights.cover", w.cover),
+            ("weights.bridge", w.bridge),
+        ] {
+            not_negative(key, f64::from(weight))?;
+        }
+        if self.stages.is_empty() {
+            let advice =
+                "give a stage, such as stages = \"32:400\" (resolution:steps), or another start.shape";
+            check("stages", self.start.shape != StartShape::Sphere, "no training of a sphere", advice)?;
+        }
+        let drawn = w.deform + w.pull + w.cover + w.on_points;
+        let advice =
+            "give weights.deform, weights.pull, weights.cover or weights.on_points a positive weight";
+        check("weights", drawn > 0.0, "nothing draws the surface to the points", advice)?;
+        for stage in &self.stages {
+            let fits = (4..=1024).contains(&stage.resolution);
+            check("stages", fits, format!("resolution {}", stage.resolution), "use 4 to 1024 cubes")?;
+            let fits = (1..=MAX_STEPS).contains(&stage.steps);
+            check("stages", fits, format!("{} steps", stage.steps), "use 1 to 10000000 steps")?;
+        }
+        let fits = w.deform_decay > 0.0 && w.deform_decay <= 1.0;
+        check("weights.deform_decay", fits, w.deform_decay, "use more than 0 and at most 1 (constant)")?;
+        let least = w.deform * w.deform_decay;
+        let advice = "use 0, or so much that weights.deform times weights.deform_decay is at least 1e-20";
+        check("weights.deform", w.deform == 0.0 || least >= 1e-20, w.deform, advice)?;
+        within("stages", self.stages.len(), 0, 100)?;
+        within("band.refresh", self.band.refresh, 1, 1_000_000)?;
+        within("band.rings", self.band.rings, 0, 64)?;
+        not_negative("batch.thin", f64::from(self.batch.thin))?;
+        within("batch.points", self.batch.points, 16, 1 << 24)?;
+        within("batch.centres", self.batch.centres, 16, 1 << 20)?;
+        within("surface_samples", self.surface_samples, 0, MAX_DRAWN)?;
+        within("bsp.pretrain", self.bsp_pretrain, 0, MAX_STEPS)?;
+        within("start.steps", self.start.steps, 0, MAX_STEPS)?;
+        not_negative("clip", self.clip)
+    }
+}
+
+fn check(
+    key: &str,
+    good: bool,
+    value: impl std::fmt::Display,
+    advice: impl Into<String>,
+) -> Result<(), Error> {
+    if good {
+        return Ok(());
+    }
+    Err(Error::new(ErrorKind::Config, format!("{value} cannot be used"))
+        .at_element(format!("option {key}"))
+        .advise(advice))
+}
+
+fn within(key: &str, value: usize, least: usize, most: usize) -> Result<(), Error> {
+    check(key, (least..=most).contains(&value), value, format!("use {least} to {most}"))
+}
+
+fn positive(key: &str, value: f32, most: f32) -> Result<(), Error> {
+    check(key, value > 0.0 && value <= most, value, format!("use a number above 0, up to {most}"))
+}
+
+fn not_negative(key: &str, value: f64) -> Result<(), Error> {
+    check(key, (0.0..=1e9).contains(&value), value, "use a number from 0 to 1e9")
+}
+
+fn check_rate(key: &str, rate: &Schedule) -> Result<(), Error> {
+    positive(&format!("{key}.base"), rate.base, 1.0)?;
+    let decay = format!("{key}.decay");
+    match rate.decay {
+        Decay::Cosine { floor } => {
+            let advice = "use a floor from 0 to 1, such as cosine:0.05";
+            check(&decay, (0.0..=1.0).contains(&floor), floor, advice)
+        }
+        Decay::Step { every, factor } => {
+            let advice = "use step:EVERY:FACTOR with EVERY above 0 and FACTOR from 0 to 1";
+            check(&decay, every > 0 && (0.0..=1.0).contains(&factor), factor, advice)
+        }
+        _ => Ok(()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::Preset;
+
+    #[test]
+    fn presets_are_valid() {
+        for preset in Preset::ALL {
+            Config::preset(preset).validate().unwrap();
+        }
+    }
+
+    #[test]
+    fn every_step_belongs_to_one_phase() {
+        let mut config = Config::preset(Preset::Default);
+        config.start.steps = 3;
+        config.bsp_pretrain = 2;
+        config.stages = vec![Stage { resolution: 8, steps: 1 }, Stage { resolution: 12, steps: 3 }];
+        use Phase::{Pretrain, Start, Train};
+        let phases = |config: &Config| -> Vec<(Phase, usize)> {
+            (0..config.total_steps()).map(|i| config.phase_at(i)).collect()
+        };
+        let (start, train) = ([(Start, 0), (Start, 1), (Start, 2)], [0, 1, 2, 3].map(|i| (Train, i)));
+        let pretrain = [(Pretrain, 0), (Pretrain, 1)];
+        assert_eq!(phases(&config), [&start[..], &pretrain, &train].concat());
+        assert_eq!(config.phase_at(9), (Train, 4));
+        for untrained in [Parameterization::Upsample, Parameterization::None] {
+            config.parameterization = untrained;
+            assert_eq!(phases(&config), [&start[..], &train].concat());
+        }
+        config.start.shape = StartShape::Sphere;
+        assert_eq!(phases(&config), train);
+        // The paper knows no phases.
+        let paper = Config::preset(Preset::Paper);
+        assert_eq!(paper.total_steps(), paper.steps_in(Train));
+    }
+
+    #[test]
+    fn bad_options_are_named() {
+        for (key, value) in [
+            ("field.width", "0"),
+            ("field.skip", "99"),
+            ("field.octaves", "32"),
+            ("field.octaves", "18446744073709551615"),
+            ("field.activation", "softplus:-1"),
+            ("bsp.channels", "63"),
+            ("bsp.code_density", "NaN"),
+            ("bsp.patch", "0"),
+            ("bsp.charts", "true"),
+            ("bsp.slack", "-1"),
+            ("weights.para", "-1"),
+            ("weights.on_points", "inf"),
+            ("stages", "2:100"),
+            ("reference_area", "-1"),
+            ("stages", "32:0"),
+            ("band.refresh", "0"),
+            ("batch.points", "0"),
+            ("field_rate.base", "0"),
+            ("bsp_rate.decay", "cosine:2"),
+            ("mesh.min_component", "1.5"),
+            ("clip", "NaN"),
+            ("parameterization", "multiple:1"),
+        ] {
+            let mut config = Config::preset(Preset::Default);
+            config.set(key, value).unwrap();
+            let error = config.validate().unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::Config, "{key} = {value}");
+            assert_eq!(error.element(), Some(format!("option {key}").as_str()));
+            assert!(error.advice().is_some());
+        }
+        let mut config = Config::preset(Preset::Paper);
+        config.weights.deform = 0.0;
+        assert_eq!(config.validate().unwrap_err().element(), Some("option weights"));
+    }
+}

@@ -1,0 +1,368 @@
+//! Every option under a dotted name, as text: for configuration files, command lines and checkpoints.
+
+use crate::bsp::Parameterization;
+use crate::error::{Error, ErrorKind};
+use crate::field::Activation;
+use crate::gdo::Deformation;
+use crate::optim::Decay;
+use crate::reconstruct::config::{Config, Finishing, Stage, StartShape, Target};
+
+/// A value as text that reads back to the same value.
+trait Text: Sized {
+    fn write(&self) -> String;
+    /// The value, or what would have been one.
+    fn read(text: &str) -> Result<Self, &'static str>;
+}
+
+struct Entry {
+    key: &'static str,
+    get: fn(&Config) -> String,
+    set: fn(&mut Config, &str) -> Result<(), &'static str>,
+}
+
+macro_rules! entries {
+    ($($key:literal => $($field:ident).+;)*) => {
+        &[$(Entry {
+            key: $key,
+            get: |c| c.$($field).+.write(),
+            set: |c, text| {
+                c.$($field).+ = Text::read(text)?;
+                Ok(())
+            },
+        }),*]
+    };
+}
+
+const ENTRIES: &[Entry] = entries! {
+    "seed" => seed;
+    "scale_with_points" => scale_with_points;
+    "denoise" => denoise;
+    "field.width" => field.width;
+    "field.depth" => field.depth;
+    "field.octaves" => field.octaves;
+    "field.frequency" => field.frequency;
+    "field.activation" => field.activation;
+    "field.skip" => field.skip;
+    "field.radius" => field.radius;
+    "parameterization" => parameterization;
+    "bsp.channels" => bsp.channels;
+    "bsp.heads" => bsp.heads;
+    "bsp.neighbours" => bsp.neighbours;
+    "bsp.patch" => bsp.patch;
+    "bsp.code_density" => bsp.code_density;
+    "bsp.reach" => bsp.reach;
+    "bsp.average_positions" => bsp.average_positions;
+    "bsp.layout" => bsp.layout;
+    "bsp.charts" => bsp.charts;
+    "bsp.slack" => bsp.slack;
+    "bsp.normal_weight" => bsp.normal_weight;
+    "bsp.pretrain" => bsp_pretrain;
+    "bsp.pretrain_on_shape" => bsp_pretrain_on_shape;
+    "bsp.every" => bsp_every;
+    "start.shape" => start.shape;
+    "start.dipole_radius" => start.dipole_radius;
+    "start.regularity" => start.regularity;
+    "start.steps" => start.steps;
+    "start.rate" => start.rate;
+    "target" => target;
+    "deformation" => deformation;
+    "weights.para" => weights.para;
+    "weights.deform" => weights.deform;
+    "weights.deform_decay" => weights.deform_decay;
+    "weights.surf" => weights.surf;
+    "weights.eikonal" => weights.eikonal;
+    "weights.laplacian" => weights.laplacian;
+    "weights.on_points" => weights.on_points;
+    "weights.pull" => weights.pull;
+    "weights.cover" => weights.cover;
+    "weights.bridge" => weights.bridge;
+    "stages" => stages;
+    "reference_area" => reference_area;
+    "band.refresh" => band.refresh;
+    "band.rings" => band.rings;
+    "batch.thin" => batch.thin;
+    "batch.points" => batch.points;
+    "batch.centres" => batch.centres;
+    "surface_samples" => surface_samples;
+    "field_rate.base" => field_rate.base;
+    "field_rate.warmup" => field_rate.warmup;
+    "field_rate.decay" => field_rate.decay;
+    "bsp_rate.base" => bsp_rate.base;
+    "bsp_rate.warmup" => bsp_rate.warmup;
+    "bsp_rate.decay" => bsp_rate.decay;
+    "clip" => clip;
+    "finish" => finish;
+    "mesh.min_component" => min_component;
+};
+
+/// Names that options had in earlier versions, and those that they have now. [`Config::set`] refuses the old ones and
+/// says the new ones; saved files are read under both.
+pub(in crate::reconstruct) const RENAMED: &[(&str, &str)] = &[
+    ("bsp.sphere", "bsp.code_density"),
+    ("bsp.sheets", "bsp.normal_weight"),
+    ("start.width", "start.dipole_radius"),
+    ("weights.points", "weights.on_points"),
+];
+
+impl Config {
+    /// Changes the option of a dotted name, such as `field.width` to `64` or `stages` to `32:200,64:100`.
+    ///
+    /// Ranges are checked by [`validate`](Self::validate), as one option can make up for another.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Config`] if there is no such option or the text is no value of it; nothing has changed then.
+    pub fn set(&mut self, key: &str, value: &str) -> Result<(), Error> {
+        let Some(entry) = ENTRIES.iter().find(|e| e.key == key) else {
+            return Err(unknown(key));
+        };
+        (entry.set)(self, value.trim()).map_err(|expected| {
+            Error::new(ErrorKind::Config, format!("{value:?} is no value of it"))
+                .at_element(format!("option {key}"))
+                .advise(format!("use {expected}"))
+        })
+    }
+
+    /// All options with their present values; [`set`](Self::set) reads each back to the same value.
+    pub fn entries(&self) -> Vec<(&'static str, String)> {
+        ENTRIES.iter().map(|e| (e.key, (e.get)(self))).collect()
+    }
+}
+
+/// The error for a key that no option has.
+fn unknown(key: &str) -> Error {
+    let error = Error::new(ErrorKind::Config, "there is no such option").at_element(format!("option {key}"));
+    if let Some((_, new)) = RENAMED.iter().find(|(old, _)| *old == key) {
+        return error.advise(format!("it is called {new} now"));
+    }
+    match nearest_key(key) {
+        Some(near) => error.advise(format!("did you mean {near}?")),
+        None => error.advise("list all options with their values by printing the configuration"),
+    }
+}
+
+/// The key that takes the fewest changed letters, if those are few.
+fn nearest_key(key: &str) -> Option<&'static str> {
+    let (changes, near) = ENTRIES.iter().map(|e| (edit_distance(key, e.key), e.key)).min()?;
+    (changes <= 3).then_some(near)
+}
+
+/// Letters to insert, remove or replace.
+fn edit_distance(a: &str, b: &str) -> usize {
+    let b: Vec<char> = b.chars().collect();
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, x) in a.chars().enumerate() {
+        let mut diagonal = std::mem::replace(&mut row[0], i + 1);
+        for (j, &y) in b.iter().enumerate() {
+            let changed = diagonal + usize::from(x != y);
+            diagonal = row[j + 1];
+            row[j + 1] = changed.min(row[j] + 1).min(diagonal + 1);
+        }
+    }
+    row[b.len()]
+}
+
+macro_rules! number {
+    ($($type:ty: $expected:literal),*) => {$(
+        impl Text for $type {
+            fn write(&self) -> String {
+                self.to_string()
+            }
+            fn read(text: &str) -> Result<Self, &'static str> {
+                text.parse().map_err(|_| $expected)
+            }
+        }
+    )*};
+}
+
+number!(usize: "a whole number", u64: "a whole number", f32: "a number", f64: "a number", bool: "true or false");
+
+impl Text for Option<usize> {
+    fn write(&self) -> String {
+        self.map_or("none".into(), |v| v.to_string())
+    }
+    fn read(text: &str) -> Result<Self, &'static str> {
+        if text == "none" { Ok(None) } else { text.parse().map(Some).map_err(|_| "a whole number or none") }
+    }
+}
+
+/// Both directions of an enumeration whose values have no parts.
+macro_rules! names {
+    ($type:ty, $expected:literal, $($name:literal => $value:path),*) => {
+        impl Text for $type {
+            fn write(&self) -> String {
+                match self { $($value => $name.into()),* }
+            }
+            fn read(text: &str) -> Result<Self, &'static str> {
+                match text { $($name => Ok($value),)* _ => Err($expected) }
+            }
+        }
+    };
+}
+
+names!(StartShape, "sphere, gauss or plate",
+    "sphere" => StartShape::Sphere, "gauss" => StartShape::Gauss, "plate" => StartShape::Plate);
+names!(Finishing, "none or points", "none" => Finishing::None, "points" => Finishing::Points);
+names!(Target, "surface or surface-and-cloud",
+    "surface" => Target::Surface, "surface-and-cloud" => Target::SurfaceAndCloud);
+names!(Deformation, "projection, tanh, offset or none",
+    "projection" => Deformation::Projection, "tanh" => Deformation::Tanh,
+    "offset" => Deformation::Offset, "none" => Deformation::None);
+
+impl Text for Activation {
+    fn write(&self) -> String {
+        match self {
+            Activation::Relu => "relu".into(),
+            Activation::Softplus { beta } => format!("softplus:{beta}"),
+        }
+    }
+    fn read(text: &str) -> Result<Self, &'static str> {
+        let expected = "relu or softplus:BETA, such as softplus:100";
+        match text.split_once(':') {
+            None if text == "relu" => Ok(Activation::Relu),
+            Some(("softplus", beta)) => {
+                Ok(Activation::Softplus { beta: beta.parse().map_err(|_| expected)? })
+            }
+            _ => Err(expected),
+        }
+    }
+}
+
+impl Text for Parameterization {
+    fn write(&self) -> String {
+        match self {
+            Parameterization::Bsp => "bsp".into(),
+            Parameterization::None => "none".into(),
+            Parameterization::Upsample => "upsample".into(),
+            Parameterization::Single => "single".into(),
+            Parameterization::Multiple { maps } => format!("multiple:{maps}"),
+        }
+    }
+    fn read(text: &str) -> Result<Self, &'static str> {
+        let expected = "bsp, none, upsample, single or multiple:MAPS, such as multiple:20";
+        match (text, text.split_once(':')) {
+            ("bsp", _) => Ok(Parameterization::Bsp),
+            ("none", _) => Ok(Parameterization::None),
+            ("upsample", _) => Ok(Parameterization::Upsample),
+            ("single", _) => Ok(Parameterization::Single),
+            (_, Some(("multiple", maps))) => {
+                Ok(Parameterization::Multiple { maps: maps.parse().map_err(|_| expected)? })
+            }
+            _ => Err(expected),
+        }
+    }
+}
+
+impl Text for Decay {
+    fn write(&self) -> String {
+        match self {
+            Decay::Constant => "constant".into(),
+            Decay::Cosine { floor } => format!("cosine:{floor}"),
+            Decay::Step { every, factor } => format!("step:{every}:{factor}"),
+        }
+    }
+    fn read(text: &str) -> Result<Self, &'static str> {
+        let expected = "constant, cosine:FLOOR or step:EVERY:FACTOR, such as cosine:0.05";
+        let parts: Vec<&str> = text.split(':').collect();
+        match parts[..] {
+            ["constant"] => Ok(Decay::Constant),
+            ["cosine", floor] => Ok(Decay::Cosine { floor: floor.parse().map_err(|_| expected)? }),
+            ["step", every, factor] => Ok(Decay::Step {
+                every: every.parse().map_err(|_| expected)?,
+                factor: factor.parse().map_err(|_| expected)?,
+            }),
+            _ => Err(expected),
+        }
+    }
+}
+
+impl Text for Vec<Stage> {
+    fn write(&self) -> String {
+        if self.is_empty() {
+            return "none".into();
+        }
+        let stages: Vec<String> = self.iter().map(|s| format!("{}:{}", s.resolution, s.steps)).collect();
+        stages.join(",")
+    }
+    fn read(text: &str) -> Result<Self, &'static str> {
+        let expected = "RESOLUTION:STEPS, stages separated by commas, such as 32:200,64:100, or none";
+        if text == "none" {
+            return Ok(Vec::new());
+        }
+        let number = |text: &str| text.trim().parse::<usize>().map_err(|_| expected);
+        let stage = |text: &str| {
+            let (resolution, steps) = text.split_once(':').ok_or(expected)?;
+            Ok(Stage { resolution: number(resolution)?, steps: number(steps)? })
+        };
+        text.split(',').map(stage).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::Preset;
+
+    #[test]
+    fn entries_read_back_to_the_same_configuration() {
+        let mut odd = Config::preset(Preset::Fine);
+        odd.seed = u64::MAX;
+        odd.field.frequency = 0.1 + 0.2;
+        odd.field.skip = Some(2);
+        odd.parameterization = Parameterization::Multiple { maps: 7 };
+        odd.field_rate.decay = Decay::Step { every: 30, factor: 0.3 };
+        odd.bsp_rate.decay = Decay::Constant;
+        odd.deformation = Deformation::Offset;
+        let upsample = Config { parameterization: Parameterization::Upsample, ..odd.clone() };
+        for config in Preset::ALL.map(Config::preset).into_iter().chain([odd, upsample]) {
+            let mut read = Config::preset(Preset::Paper);
+            read.seed = 99;
+            for (key, value) in config.entries() {
+                read.set(key, &value).unwrap();
+            }
+            assert_eq!(read, config);
+        }
+    }
+
+    #[test]
+    fn keys_are_unique_and_every_one_changes_something() {
+        let (a, b) = (Config::preset(Preset::Paper), Config::preset(Preset::Default));
+        let mut keys: Vec<_> = ENTRIES.iter().map(|e| e.key).collect();
+        keys.sort_unstable();
+        keys.dedup();
+        assert_eq!(keys.len(), ENTRIES.len());
+        for (key, value) in a.entries() {
+            let mut changed = b.clone();
+            changed.set(key, &value).unwrap();
+            assert_eq!(changed.entries().iter().find(|e| e.0 == key).unwrap().1, value);
+            let others = |c: &Config| c.entries().into_iter().filter(|e| e.0 != key).collect::<Vec<_>>();
+            assert_eq!(others(&changed), others(&b), "{key} changed another option");
+        }
+    }
+
+    #[test]
+    fn mistakes_say_what_to_do() {
+        let mut config = Config::preset(Preset::Default);
+        let before = config.clone();
+        let unknown = config.set("field.widht", "3").unwrap_err();
+        assert_eq!(unknown.advice(), Some("did you mean field.width?"));
+        let renamed = config.set("bsp.sphere", "1").unwrap_err();
+        assert_eq!(
+            (renamed.kind(), renamed.advice()),
+            (ErrorKind::Config, Some("it is called bsp.code_density now"))
+        );
+        for (key, value) in [
+            ("field.width", "-1"),
+            ("stages", "32"),
+            ("stages", ""),
+            ("field.activation", "softplus"),
+            ("target", "q"),
+            ("bsp.average_positions", "yes"),
+            ("field_rate.decay", "step:3"),
+        ] {
+            let error = config.set(key, value).unwrap_err();
+            assert_eq!(error.kind(), ErrorKind::Config);
+            assert!(error.advice().unwrap().starts_with("use "), "{error}");
+        }
+        assert_eq!(config, before);
+    }
+}

@@ -1,0 +1,149 @@
+//! What the number of points changes in the options.
+
+use crate::field::octave_factor;
+use crate::reconstruct::Config;
+use crate::reconstruct::config::{MAX_DRAWN, MAX_FREQUENCY, MAX_STEPS};
+
+/// Cloud sizes up to this one are what the presets were made for.
+const USUAL_POINTS: usize = 2048;
+/// What grid resolutions grow by at most, and the resolution that the finest does not grow beyond.
+const MAX_RESOLUTION: (f64, f64) = (6.0, 192.0);
+/// Width that the rule starts from, and the width that it does not make a field grow beyond; wider ones stay.
+const WIDTHS: (f64, usize) = (64.0, 128);
+/// Octaves that are added at most.
+const MAX_OCTAVES: usize = 3;
+/// What the numbers of steps grow by at most.
+const MAX_GROWTH: f64 = 2.0;
+/// What the number of samples on the surface grows by at most.
+const MAX_SAMPLES: f64 = 8.0;
+/// Points that a patch attends to in larger clouds if it would attend to all otherwise.
+const LOCAL_REACH: usize = 16;
+
+impl Config {
+    /// Adapts the options to a cloud of n points. Up to 2,048 points nothing changes. Beyond, with s = n / 2048:
+    ///
+    /// | option | rule | because |
+    /// |---|---|---|
+    /// | resolution of each stage | times s^(1/2), at most 6 times, the finest up to 192 (`reference_area` comes on top: up to 192, or down to half for a large area) | a grid finer than the points resolves nothing, and the spacing of points on a surface falls with s^(1/2); a step's time and memory grow with the square |
+    /// | `field.width` | at least 64 s^(1/3), up to 128 | a network of 64 smooths a street of 14,623 points to a blob, on a fine grid just as on a coarse one |
+    /// | `field.octaves` | log2(s) / 2 more, at most 3 | an octave for each halving of the detail |
+    /// | `surface_samples` | times s, at most 8 times | as many as a step sees points, and more |
+    /// | steps of the start and of each stage | times s^(1/4), at most twice | a larger field learns a larger shape more slowly |
+    /// | `bsp.reach` | 16 where it is 0, all points | attention of all to all costs n^2 |
+    ///
+    /// The patches and their sphere stay. What a step sees of the cloud is bounded by `batch`, a cloud beyond that is
+    /// thinned, and a step works on every active vertex of the grid. Nothing is made smaller here.
+    ///
+    /// Clears `scale_with_points`, so nothing is adapted twice; without it nothing changes.
+    pub fn for_points(mut self, n: usize) -> Config {
+        if !self.scale_with_points {
+            return self;
+        }
+        self.scale_with_points = false;
+        if n <= USUAL_POINTS {
+            return self;
+        }
+        let s = n as f64 / USUAL_POINTS as f64;
+        let longer = |steps: usize| {
+            let scaled = steps as f64 * s.powf(0.25).min(MAX_GROWTH);
+            (scaled.round() as usize).min(MAX_STEPS).max(steps)
+        };
+        let finest = self.stages.iter().map(|s| s.resolution).max().unwrap_or(1) as f64;
+        let (most, limit) = MAX_RESOLUTION;
+        let growth = s.sqrt().min(most).min(limit / finest).max(1.0);
+        for stage in &mut self.stages {
+            let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
+            stage.resolution = scaled.max(stage.resolution);
+            stage.steps = longer(stage.steps);
+        }
+        let drawn = (self.surface_samples as f64 * s.min(MAX_SAMPLES)).round() as usize;
+        self.surface_samples = drawn.min(MAX_DRAWN);
+        self.start.steps = longer(self.start.steps);
+        let (usual, widest) = WIDTHS;
+        let width = (usual * s.cbrt() / 16.0).round() as usize * 16;
+        self.field.width = self.field.width.max(width.min(widest));
+        let finer = ((s.log2() / 2.0).round() as usize).min(MAX_OCTAVES);
+        for _ in 0..finer {
+            let field = &mut self.field;
+            if field.octaves > 0 && field.frequency * octave_factor(field.octaves) <= MAX_FREQUENCY {
+                field.octaves += 1;
+            }
+        }
+        if self.bsp.reach == 0 {
+            self.bsp.reach = LOCAL_REACH;
+        }
+        self
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::{Preset, Stage};
+
+    #[test]
+    fn usual_sizes_change_nothing_and_larger_ones_nothing_twice() {
+        for preset in Preset::ALL {
+            let config = Config::preset(preset);
+            for n in [1, 300, USUAL_POINTS] {
+                let usual = Config { scale_with_points: false, ..config.clone() };
+                assert_eq!(config.clone().for_points(n), usual);
+            }
+            let large = config.clone().for_points(120_610);
+            large.validate().unwrap();
+            // One without stages has none to change.
+            assert!(large.stages != config.stages || config.stages.is_empty());
+            assert_eq!(large.clone().for_points(120_610), large);
+        }
+    }
+
+    #[test]
+    fn the_street_gets_what_the_table_says() {
+        let config = Config::preset(Preset::Default).for_points(14_623);
+        let stages = [Stage { resolution: 84, steps: 327 }, Stage { resolution: 128, steps: 327 }];
+        assert_eq!(config.stages, stages);
+        assert_eq!((config.field.width, config.field.octaves, config.start.steps), (128, 4, 654));
+        assert_eq!(config.surface_samples, 57_121);
+    }
+
+    #[test]
+    fn nothing_shrinks_as_clouds_grow() {
+        for preset in Preset::ALL {
+            let mut before = Config::preset(preset).for_points(1);
+            for n in (11..27).map(|power| 1usize << power) {
+                let now = Config::preset(preset).for_points(n + 1);
+                now.validate().unwrap();
+                let stages = now.stages.iter().zip(&before.stages);
+                assert!(stages.clone().all(|(a, b)| a.resolution >= b.resolution && a.steps >= b.steps));
+                assert!(now.field.width >= before.field.width && now.field.octaves >= before.field.octaves);
+                assert!(now.start.steps >= before.start.steps);
+                before = now;
+            }
+        }
+    }
+
+    #[test]
+    fn options_at_their_limits_stay_valid() {
+        let mut config = Config::preset(Preset::Default);
+        config.field.octaves = 9;
+        config.field.frequency = 3.9;
+        config.stages = vec![Stage { resolution: 256, steps: MAX_STEPS }];
+        config.surface_samples = MAX_DRAWN;
+        config.validate().unwrap();
+        let scaled = config.for_points(1 << 24);
+        scaled.validate().unwrap();
+        assert_eq!(scaled.stages, [Stage { resolution: 256, steps: MAX_STEPS }]);
+        assert_eq!(scaled.field.octaves, 9);
+    }
+
+    #[test]
+    fn octaves_out_of_range_are_left_to_validation() {
+        for octaves in [31, 32, 1000, usize::MAX] {
+            let mut config = Config::preset(Preset::Default);
+            config.field.octaves = octaves;
+            let scaled = config.for_points(1 << 20);
+            assert_eq!(scaled.field.octaves, octaves);
+            assert_eq!(scaled.validate().unwrap_err().element(), Some("option field.octaves"));
+        }
+    }
+}

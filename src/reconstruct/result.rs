@@ -1,0 +1,275 @@
+//! The result: a field and what comes with it, in the input's frame.
+
+use super::{Config, Finishing};
+use crate::bsp::Coverage;
+use crate::error::{Error, ErrorKind};
+use crate::field::Field;
+use crate::finish::{FINISHED_POINTS, Finish};
+use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleBvh, TriangleMesh, extract};
+
+/// A signed distance field, the parameterized surface and the cloud that both come from.
+///
+/// All coordinates and distances are in the frame and units of the input points.
+#[derive(Clone, Debug)]
+pub struct Reconstruction {
+    pub(super) config: Config,
+    pub(super) normalizer: Normalizer,
+    /// Distinct points, input frame.
+    pub(super) cloud: Vec<[f32; 3]>,
+    pub(super) shape: Shape,
+    /// What is blended into the shape, if [`Config::finish`] asks for it and the points allow it.
+    pub(super) finish: Option<Finish>,
+    /// S, working frame.
+    pub(super) surface: Vec<[f32; 3]>,
+    pub(super) coverage: Option<Coverage>,
+    pub(super) notices: Vec<String>,
+}
+
+/// What a run ends with before it is finished, in the working frame.
+#[derive(Clone, Debug)]
+pub(super) enum Shape {
+    /// A trained network.
+    Learned(Field),
+    /// The first shape itself, where nothing was to be trained.
+    Found(FoundShape),
+}
+
+/// A closed mesh as a signed distance.
+#[derive(Clone, Debug)]
+pub(super) struct FoundShape {
+    /// What is saved of it.
+    #[cfg(feature = "checkpoint")]
+    pub mesh: TriangleMesh,
+    tree: TriangleBvh,
+}
+
+impl FoundShape {
+    /// # Errors
+    /// As [`TriangleBvh::new`] for an empty mesh.
+    pub fn new(mesh: TriangleMesh) -> Result<Self, Error> {
+        Ok(FoundShape {
+            tree: TriangleBvh::new(&mesh)?,
+            #[cfg(feature = "checkpoint")]
+            mesh,
+        })
+    }
+}
+
+impl Shape {
+    /// Signed distances at `points` (m x 3).
+    fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+        match self {
+            Shape::Learned(field) => field.sdf(points),
+            Shape::Found(found) => found.tree.signed_distances(points).0,
+        }
+    }
+
+    /// Signed distances and their gradients at `points` (m x 3).
+    fn sdf_and_gradient(&self, points: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
+        match self {
+            Shape::Learned(field) => field.sdf_and_gradient(points),
+            Shape::Found(found) => found.tree.signed_distances(points),
+        }
+    }
+
+    /// What finishes the shape for `points` (n x 3), as far as `config` asks for it and they allow it.
+    pub fn finished_for(&self, points: &[[f32; 3]], config: &Config) -> Option<Finish> {
+        match config.finish {
+            Finishing::Points if FINISHED_POINTS.contains(&points.len()) => {
+                let (sdf, gradient) = self.sdf_and_gradient(points);
+                Finish::fit(points, &sdf, &gradient).ok()
+            }
+            _ => None,
+        }
+    }
+
+    /// Their gradients.
+    fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        match self {
+            Shape::Learned(field) => field.gradient(points),
+            Shape::Found(found) => found.tree.signed_distances(points).1,
+        }
+    }
+}
+
+/// Cubes along each side of the lattice that the surface is searched from: a part that is smaller than these cubes, near
+/// no point and joined to nothing that is may be missed, and is not wanted.
+const COARSE: usize = 16;
+
+/// Half the way between the two places that a derivative of the finished distance is taken from, working frame.
+const DIFFERENCE: f32 = 1e-3;
+
+impl Reconstruction {
+    /// Signed distances in the working frame, finished.
+    fn working_sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+        let Some(finish) = &self.finish else { return self.shape.sdf(points) };
+        let (mut sdf, gradient) = self.shape.sdf_and_gradient(points);
+        finish.apply(points, &mut sdf, &gradient);
+        sdf
+    }
+
+    /// Signed distances at `points` (n x 3), negative inside, in the input's unit.
+    ///
+    /// Accurate near the surface; far away only the sign and the order of magnitude are meant.
+    pub fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+        let scale = self.normalizer.scale();
+        let mut sdf = self.working_sdf(&self.normalizer.forward(points));
+        sdf.iter_mut().for_each(|s| *s = (f64::from(*s) * scale) as f32);
+        sdf
+    }
+
+    /// The gradients of [`sdf`](Self::sdf) at `points` (n x 3): outward, of about unit length, without unit. Where the
+    /// result is finished ([`Config::finish`]) they are differences over 2e-3 of the longest side.
+    pub fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        // Distance and place are scaled alike, so the slope is that of the working frame.
+        let points = self.normalizer.forward(points);
+        if self.finish.is_none() {
+            return self.shape.gradient(&points);
+        }
+        let beside = |axis: usize, step: f32| {
+            let mut moved = points.clone();
+            moved.iter_mut().for_each(|p| p[axis] += step);
+            self.working_sdf(&moved)
+        };
+        let sides = [0, 1, 2].map(|axis| (beside(axis, DIFFERENCE), beside(axis, -DIFFERENCE)));
+        let slope =
+            |i: usize| [0, 1, 2].map(|axis| (sides[axis].0[i] - sides[axis].1[i]) / (2.0 * DIFFERENCE));
+        (0..points.len()).map(slope).collect()
+    }
+
+    /// The zero level set as a closed mesh, from a grid of `resolution` cubes along each side of the cube around the
+    /// cloud. Parts below the share `mesh.min_component` of the largest part's area are left out.
+    ///
+    /// # Errors
+    /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid,
+    /// [`ErrorKind::Config`] for a resolution below 3 or beyond 32-bit vertex numbers,
+    /// [`ErrorKind::Diverged`] if the field is not finite.
+    pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh, Error> {
+        let seeds = self.normalizer.forward(&self.cloud);
+        let sdf = |x: &[[f32; 3]]| self.working_sdf(x);
+        let mut mesh = zero_level_set(&sdf, &seeds, resolution, self.config.min_component)?;
+        mesh.verts = self.normalizer.inverse(&mesh.verts);
+        Ok(mesh)
+    }
+
+    /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a parameterization.
+    pub fn surface_points(&self) -> Vec<[f32; 3]> {
+        self.normalizer.inverse(&self.surface)
+    }
+
+    /// How well S covers the points that the training worked with (without their noise, and thinned if there are many),
+    /// and its codes the sphere, in the working frame.
+    ///
+    /// `None` without a parameterization, and for a result that was loaded from a file: its field is all that there is
+    /// of the training. A checkpoint has the state that this follows from; resume it and finish.
+    pub fn coverage(&self) -> Option<&Coverage> {
+        self.coverage.as_ref()
+    }
+
+    /// The distinct points it was made from, n x 3, as given.
+    pub fn cloud(&self) -> &[[f32; 3]] {
+        &self.cloud
+    }
+
+    /// What a user should know of the file that it was loaded from, such as options that this version does not have;
+    /// empty for one that was just made.
+    pub fn notices(&self) -> &[String] {
+        &self.notices
+    }
+
+    /// The options it was made with, adapted to the number of points.
+    pub fn config(&self) -> &Config {
+        &self.config
+    }
+}
+
+/// The zero level set of signed distances in the working frame, from a grid of `resolution` cubes a side searched near
+/// the `seeds` (n x 3) too, without parts below the share `min_part` of the largest part's area.
+///
+/// # Errors
+/// As [`Reconstruction::mesh`].
+pub(super) fn zero_level_set(
+    sdf: &dyn Fn(&[[f32; 3]]) -> Vec<f32>,
+    seeds: &[[f32; 3]],
+    resolution: usize,
+    min_part: f64,
+) -> Result<TriangleMesh, Error> {
+    let grid = TetGrid::working_frame(resolution)?;
+    let options = NarrowBandOptions { coarse_resolution: COARSE, seeds, ..Default::default() };
+    let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(sdf(x)), &options).map_err(|e| {
+        if e.kind() == ErrorKind::NoSurface {
+            return e.advise("raise the resolution, or train for more steps");
+        }
+        e
+    })?;
+    Ok(mesh.keep_large(min_part))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::tests::{ball, quick, run, tiny};
+    use super::*;
+    use crate::reconstruct::{Preset, Trainer};
+
+    #[test]
+    fn a_finished_result_is_nearer_to_the_points_and_to_the_ball() {
+        let points = ball(120);
+        let off = |finish: Finishing| {
+            let result = run(&points, &Config { finish, ..quick() });
+            let mean =
+                |values: &[f32]| values.iter().map(|f| f.abs()).sum::<f32>() / (6.0 * values.len() as f32);
+            // Other samples of the ball of radius 3.
+            let between: Vec<[f32; 3]> = crate::geometry::Shape::Sphere { radius: 3.0 }
+                .sample(200, 8)
+                .0
+                .iter()
+                .map(|p| [p[0] + 10.0, p[1] - 4.0, p[2]])
+                .collect();
+            [mean(&result.sdf(&points)), mean(&result.sdf(&between))]
+        };
+        let (bare, finished) = (off(Finishing::None), off(Finishing::Points));
+        assert!(finished[0] < 0.2 * bare[0] && finished[1] < 0.5 * bare[1], "{finished:?} for {bare:?}");
+    }
+
+    #[test]
+    fn the_gradient_of_a_finished_result_is_that_of_its_distance() {
+        let points = ball(80);
+        let result = run(&points, &tiny());
+        assert!(result.finish.is_some());
+        let x: Vec<[f32; 3]> = points.iter().step_by(4).map(|p| [p[0] + 0.1, p[1], p[2] - 0.1]).collect();
+        let step = 0.02;
+        for (i, gradient) in result.gradient(&x).iter().enumerate() {
+            let mut slope = [0.0f32; 3];
+            for (k, slope) in slope.iter_mut().enumerate() {
+                let beside = |by: f32| {
+                    let mut x = x[i];
+                    x[k] += by;
+                    result.sdf(&[x])[0]
+                };
+                *slope = (beside(step) - beside(-step)) / (2.0 * step);
+            }
+            assert!((0..3).all(|k| (slope[k] - gradient[k]).abs() < 0.05), "{slope:?} {gradient:?}");
+            let radial = [x[i][0] - 10.0, x[i][1] + 4.0, x[i][2]];
+            assert!((0..3).map(|k| radial[k] * gradient[k]).sum::<f32>() > 0.0);
+        }
+    }
+
+    #[test]
+    fn start_gives_the_first_shape_without_a_step() {
+        let points = ball(100);
+        let config = Config::preset(Preset::Start);
+        let trainer = Trainer::new(&points, &config).unwrap();
+        assert!(trainer.is_done() && trainer.total_steps() == 0);
+        let result = trainer.finish();
+        assert!(result.surface_points().is_empty() && result.coverage().is_none());
+        let topology = result.mesh(48).unwrap().topology();
+        assert!(topology.closed && topology.genus == Some(0), "{topology}");
+        let volume = 4.0 / 3.0 * std::f64::consts::PI * 27.0;
+        assert!((topology.volume / volume - 1.0).abs() < 0.01, "{topology}");
+        assert!((result.sdf(&[[10.0, -4.0, 0.0]])[0] + 3.0).abs() < 0.1);
+        // A sphere is no shape that was found.
+        let sphere = Config::preset(Preset::Paper);
+        let error = Config { stages: Vec::new(), ..sphere }.validate().unwrap_err();
+        assert_eq!(error.element(), Some("option stages"));
+    }
+}

@@ -1,0 +1,6 @@
+//! Checkpoints and results in files: the checked file format, the options in files of earlier versions, and what is
+//! written and read.
+
+mod checkpoint;
+mod options;
+mod store;
