@@ -47,6 +47,7 @@
 //! A module uses those below it; `io` uses `geometry` only, and `evaluate` everything but the training.
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
+//! - [`scene`]: what of a surface the points speak for, and the rest cut away.
 //! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).
 //! - [`start`], [`finish`]: what comes before the training, the first shape, and after it, corrections at the points.
 //! - [`gdo`]: the move of grid vertices along the field, and the differentiable surface.
@@ -74,6 +75,7 @@ pub mod nn;
 pub mod ops;
 pub mod optim;
 pub mod reconstruct;
+pub mod scene;
 mod simd;
 pub mod start;
 pub mod tensor;

@@ -6,7 +6,7 @@ use std::fs;
 use std::path::Path;
 
 /// The rooms, those of a line above those of the line before. A room uses what is below its line, and itself.
-const LAYERS: [&[&str]; 12] = [
+const LAYERS: [&[&str]; 13] = [
     &["error"],
     &["simd"],
     &["tensor", "linalg", "geometry"],
@@ -17,6 +17,7 @@ const LAYERS: [&[&str]; 12] = [
     &["bsp", "gdo", "start"],
     &["finish"],
     &["reconstruct"],
+    &["scene"],
     &["evaluate"],
     &["cli"],
 ];

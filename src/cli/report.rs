@@ -34,6 +34,7 @@ pub fn topology_json(t: &Topology) -> String {
         .count("edges", t.edges)
         .count("faces", t.faces)
         .count("boundary_edges", t.boundary_edges)
+        .count("boundary_loops", t.boundary_loops)
         .count("nonmanifold_edges", t.nonmanifold_edges)
         .count("degenerate_faces", t.degenerate_faces)
         .count("components", t.components)

@@ -4,6 +4,7 @@ mod report;
 mod sample;
 mod triangle_mesh;
 
+pub(crate) use report::connected;
 pub use report::{MeshComponent, Topology};
 pub(crate) use sample::cumulative_areas;
 pub use sample::{SurfaceSamples, sample_surface};

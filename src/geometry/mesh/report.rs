@@ -20,6 +20,8 @@ pub struct Topology {
     pub faces: usize,
     /// Edges in one face only.
     pub boundary_edges: usize,
+    /// Closed loops, or open chains, that these edges make up: parts that are joined through their vertices.
+    pub boundary_loops: usize,
     /// Edges in more than two faces.
     pub nonmanifold_edges: usize,
     /// Number of components.
@@ -54,8 +56,11 @@ impl fmt::Display for Topology {
         }
         write!(f, "; {}", if self.closed { "closed" } else { "not closed" })?;
         write!(f, ", {}", if self.oriented { "oriented" } else { "not oriented" })?;
+        if self.boundary_edges > 0 {
+            let plural = if self.boundary_loops == 1 { "" } else { "s" };
+            write!(f, ", {} boundary edges in {} loop{plural}", self.boundary_edges, self.boundary_loops)?;
+        }
         for (count, what) in [
-            (self.boundary_edges, "boundary edges"),
             (self.nonmanifold_edges, "non-manifold edges"),
             (self.degenerate_faces, "degenerate faces"),
             (self.unused_verts, "unused vertices"),
@@ -101,7 +106,7 @@ impl TriangleMesh {
         let used_verts = used.iter().filter(|&&u| u).count();
         let components = (0..used.len()).filter(|&v| used[v] && roots[v] as usize == v).count();
         let euler = used_verts as i64 - usage.edges as i64 + self.faces.len() as i64;
-        let closed = !self.faces.is_empty() && usage.boundary == 0 && usage.nonmanifold == 0;
+        let closed = !self.faces.is_empty() && usage.boundary.is_empty() && usage.nonmanifold == 0;
         let handles_twice = 2 * components as i64 - euler;
         let centre = self.centre();
         let (mut volume, mut area, mut degenerate_faces) = (0.0, 0.0, 0);
@@ -117,7 +122,8 @@ impl TriangleMesh {
             unused_verts: self.verts.len() - used_verts,
             edges: usage.edges,
             faces: self.faces.len(),
-            boundary_edges: usage.boundary,
+            boundary_edges: usage.boundary.len(),
+            boundary_loops: loops(self.verts.len(), &usage.boundary),
             nonmanifold_edges: usage.nonmanifold,
             components,
             euler,
@@ -253,27 +259,10 @@ impl TriangleMesh {
         }
     }
 
-    /// For each vertex one vertex of its component, the same for all of them (union-find with halved paths).
+    /// For each vertex the first vertex of its component.
     fn roots(&self) -> Vec<u32> {
-        let mut up: Vec<u32> = (0..self.verts.len() as u32).collect();
-        let find = |up: &mut [u32], mut v: u32| {
-            while up[v as usize] != v {
-                up[v as usize] = up[up[v as usize] as usize];
-                v = up[v as usize];
-            }
-            v
-        };
-        for &[a, b, c] in &self.faces {
-            for other in [b, c] {
-                let (p, q) = (find(&mut up, a), find(&mut up, other));
-                up[p.max(q) as usize] = p.min(q);
-            }
-        }
-        // Every link leads to a smaller number, so one ascending pass flattens the trees.
-        for v in 0..up.len() {
-            up[v] = up[up[v] as usize];
-        }
-        up
+        let edges = self.faces.iter().flat_map(|&[a, b, c]| [[a, b], [a, c]]);
+        connected(self.verts.len(), edges)
     }
 
     fn extent(&self) -> Option<[[f32; 3]; 2]> {
@@ -313,10 +302,44 @@ impl TriangleMesh {
     }
 }
 
+/// For each of v vertices the smallest one that is connected with it by edges (union-find with halved paths).
+pub(crate) fn connected(verts: usize, edges: impl IntoIterator<Item = [u32; 2]>) -> Vec<u32> {
+    let mut up: Vec<u32> = (0..verts as u32).collect();
+    let find = |up: &mut [u32], mut v: u32| {
+        while up[v as usize] != v {
+            up[v as usize] = up[up[v as usize] as usize];
+            v = up[v as usize];
+        }
+        v
+    };
+    for [a, b] in edges {
+        let (p, q) = (find(&mut up, a), find(&mut up, b));
+        up[p.max(q) as usize] = p.min(q);
+    }
+    // Every link leads to a smaller number, so one ascending pass flattens the trees.
+    for v in 0..up.len() {
+        up[v] = up[up[v] as usize];
+    }
+    up
+}
+
+/// Parts that the edges of a boundary make up.
+fn loops(verts: usize, boundary: &[[u32; 2]]) -> usize {
+    if boundary.is_empty() {
+        return 0;
+    }
+    let roots = connected(verts, boundary.iter().copied());
+    let mut of_edges: Vec<u32> = boundary.iter().map(|&[v, _]| roots[v as usize]).collect();
+    of_edges.sort_unstable();
+    of_edges.dedup();
+    of_edges.len()
+}
+
 /// How the edges of a mesh are used.
 struct EdgeUsage {
     edges: usize,
-    boundary: usize,
+    /// The ends of the edges that are in one face only.
+    boundary: Vec<[u32; 2]>,
     nonmanifold: usize,
     oriented: bool,
 }
@@ -344,15 +367,17 @@ impl EdgeUsage {
             uses[end[lower]] = side;
             end[lower] += 1;
         }
-        let mut usage = EdgeUsage { edges: 0, boundary: 0, nonmanifold: 0, oriented: true };
+        let mut usage = EdgeUsage { edges: 0, boundary: Vec::new(), nonmanifold: 0, oriented: true };
         let mut start = 0;
-        for &end in &end[..mesh.verts.len()] {
+        for (lower, &end) in (0..).zip(&end[..mesh.verts.len()]) {
             let bucket = &mut uses[start..end];
             bucket.sort_unstable();
             for edge in bucket.chunk_by(|a, b| a >> 1 == b >> 1) {
                 let backward = edge.iter().filter(|&&side| side & 1 == 1).count();
                 usage.edges += 1;
-                usage.boundary += usize::from(edge.len() == 1);
+                if edge.len() == 1 {
+                    usage.boundary.push([lower, (edge[0] >> 1) as u32]);
+                }
                 usage.nonmanifold += usize::from(edge.len() > 2);
                 usage.oriented &= backward <= 1 && edge.len() - backward <= 1;
             }

@@ -1,0 +1,112 @@
+//! How well the points of a cloud speak for a place.
+
+use crate::error::Error;
+use crate::geometry::vec3::distance;
+use crate::geometry::{KdTree, Normalizer};
+use rayon::prelude::*;
+
+/// Nearest points whose farthest measures the spacing around a point: as many as there are on a disc of that radius. On
+/// a spinning scanner's rings, which are farther apart than the points along them, fewer would all be of one ring.
+const NEIGHBOURS: usize = 24;
+/// Nearest points over whose spacings the mean is taken, so that the spacing does not jump from place to place.
+const AVERAGED: usize = 8;
+/// Places that one thread works on at a time.
+const CHUNK: usize = 256;
+
+/// The distance from each of `places` (m x 3) to the nearest of `points` (n x 3, in the same frame), over the spacing of
+/// the points there; m numbers, 0 at a point.
+///
+/// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a disc:
+/// r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). At a place it
+/// is the mean over the eight nearest points. Between the points of an evenly sampled surface the result is at most
+/// about 1; at 2 and more no point speaks for the place. Distances and spacings scale alike, so the result has no unit.
+///
+/// # Errors
+/// [`ErrorKind::Data`](crate::ErrorKind::Data) if there are fewer than two distinct points or a coordinate of the points
+/// is not finite.
+///
+/// # Panics
+/// If a place is not finite.
+#[track_caller]
+pub fn support(places: &[[f32; 3]], points: &[[f32; 3]]) -> Result<Vec<f32>, Error> {
+    // In the working frame, where squares neither overflow nor vanish.
+    let frame = Normalizer::of(points)?;
+    let (places, points) = (frame.forward(places), frame.forward(points));
+    let spacing = spacings(&points);
+    let tree = KdTree::new(&points);
+    let averaged = AVERAGED.min(points.len());
+    let chunk = |places: &[[f32; 3]]| {
+        let near = tree.k_nearest(places, averaged);
+        let one = |(place, near): (&[f32; 3], &[u32])| {
+            let spacing = near.iter().map(|&i| spacing[i as usize]).sum::<f64>() / averaged as f64;
+            (distance(*place, points[near[0] as usize]) / spacing) as f32
+        };
+        places.iter().zip(near.chunks_exact(averaged)).map(one).collect::<Vec<f32>>()
+    };
+    Ok(places.par_chunks(CHUNK).map(chunk).collect::<Vec<_>>().concat())
+}
+
+/// The spacing at each point.
+fn spacings(points: &[[f32; 3]]) -> Vec<f64> {
+    // Each point is the nearest to itself.
+    let k = NEIGHBOURS.min(points.len() - 1);
+    let near = KdTree::new(points).k_nearest(points, k + 1);
+    let share = (std::f64::consts::PI / k as f64).sqrt();
+    let one = |(p, near): (&[f32; 3], &[u32])| share * distance(*p, points[near[k] as usize]);
+    let spacing: Vec<f64> = points.iter().zip(near.chunks_exact(k + 1)).map(one).collect();
+    // Points that more than k others share their place with have no spacing of their own.
+    let least = spacing.iter().copied().filter(|&s| s > 0.0).fold(f64::INFINITY, f64::min);
+    spacing.into_iter().map(|s| if s > 0.0 { s } else { least }).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{Shape, fibonacci_sphere};
+    use proptest::prelude::*;
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(24))]
+
+        /// By sorting all distances.
+        #[test]
+        fn is_the_distance_over_the_mean_spacing(n in 2usize..60, seed: u64, scale in -20i32..20) {
+            let unit = |p: &[f32; 3]| p.map(|x| x * 2f32.powi(scale));
+            let points: Vec<_> = Shape::Sphere { radius: 0.5 }.sample(n, seed).0.iter().map(unit).collect();
+            let places: Vec<_> = Shape::Sphere { radius: 0.7 }.sample(9, !seed).0.iter().map(unit).collect();
+            let sorted = |p: &[f32; 3]| {
+                let mut all: Vec<(f64, usize)> = points.iter().map(|q| distance(*p, *q)).zip(0..).collect();
+                all.sort_by(|a, b| a.0.total_cmp(&b.0));
+                all
+            };
+            let k = 24.min(n - 1);
+            let spacing: Vec<f64> =
+                points.iter().map(|p| sorted(p)[k].0 * (std::f64::consts::PI / k as f64).sqrt()).collect();
+            for (place, got) in places.iter().zip(support(&places, &points).unwrap()) {
+                let near = sorted(place);
+                let m = 8.min(n);
+                let mean = near[..m].iter().map(|&(_, i)| spacing[i]).sum::<f64>() / m as f64;
+                let want = near[0].0 / mean;
+                prop_assert!((f64::from(got) - want).abs() < 1e-4 * want, "{got} is not {want}");
+            }
+        }
+    }
+
+    #[test]
+    fn an_evenly_sampled_surface_is_supported_and_what_leaves_it_is_not() {
+        let sphere = fibonacci_sphere(500);
+        let between = support(&fibonacci_sphere(3001), &sphere).unwrap();
+        assert!(between.iter().all(|&s| s < 1.0), "{between:?}");
+        let off: Vec<_> = sphere.iter().map(|p| p.map(|x| 1.5 * x)).collect();
+        assert!(support(&off, &sphere).unwrap().iter().all(|&s| s > 4.0));
+    }
+
+    #[test]
+    fn points_in_one_place_have_a_finite_spacing() {
+        let mut points = fibonacci_sphere(40);
+        points.extend([points[3]; 60]);
+        assert!(support(&fibonacci_sphere(50), &points).unwrap().iter().all(|s| s.is_finite()));
+        assert!(support(&points, &[[1.0; 3]]).is_err());
+        assert_eq!(support(&[], &points).unwrap(), [0.0f32; 0]);
+    }
+}

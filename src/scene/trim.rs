@@ -1,0 +1,223 @@
+//! A closed surface cut where no point speaks for it, along smooth lines.
+
+use crate::geometry::vec3::{self, triangle_normal};
+use crate::geometry::{TriangleMesh, connected};
+use std::collections::HashMap;
+
+/// The [`support`](super::support) beyond which a surface is cut away, unless another one is asked for.
+pub const TRIM_FACTOR: f32 = 2.0;
+/// Holes that a cut would leave in what is kept, and scraps of what is kept, are left uncut and dropped below this share
+/// of the whole area (the island ratio of Kazhdan's SurfaceTrimmer).
+const ISLAND: f64 = 0.001;
+/// How near to the end of an edge it is cut, at most, as a share of its length: triangles without area are none.
+const MARGIN: f32 = 1e-3;
+
+/// A surface that was cut.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Trimmed {
+    /// What is left: the faces and vertices that are kept, in their order, and those along the cut.
+    pub mesh: TriangleMesh,
+    /// The support of each vertex, v.
+    pub support: Vec<f32>,
+    /// The share of the area that was cut away, 0 to 1.
+    pub removed: f64,
+}
+
+/// Cuts off `mesh` what has a support above `factor`, given the `support` of its vertices (v).
+///
+/// Faces that the limit runs through are cut along it, so that the boundary is a smooth line and not a saw. Holes below
+/// a thousandth of the area are not cut, and pieces below that are dropped. Where `mesh` is a manifold the result is
+/// one, its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is `mesh` itself.
+///
+/// # Panics
+/// If there is not one support a vertex, or a face names a vertex that is not there.
+#[track_caller]
+pub fn trim(mesh: &TriangleMesh, support: &[f32], factor: f32) -> Trimmed {
+    assert!(support.len() == mesh.verts.len(), "trim: {} supports, {} vertices", support.len(), mesh.verts.len());
+    let areas = vertex_areas(mesh);
+    let limit = ISLAND * areas.iter().sum::<f64>();
+    let mut kept: Vec<bool> = support.iter().map(|&s| s <= factor).collect();
+    // Holes first: what they join is no scrap.
+    for side in [false, true] {
+        let parts = parts_of(mesh, &kept);
+        let mut area: HashMap<u32, f64> = HashMap::new();
+        for (v, &part) in parts.iter().enumerate().filter(|&(v, _)| kept[v] == side) {
+            *area.entry(part).or_default() += areas[v];
+        }
+        for (v, part) in parts.iter().enumerate() {
+            if kept[v] == side && area[part] < limit {
+                kept[v] = !side;
+            }
+        }
+    }
+    cut(mesh, support, factor, &kept)
+}
+
+/// A third of the area of the faces around each vertex.
+fn vertex_areas(mesh: &TriangleMesh) -> Vec<f64> {
+    let mut areas = vec![0.0; mesh.verts.len()];
+    for face in &mesh.faces {
+        let third = face_area(face.map(|v| mesh.verts[v as usize])) / 3.0;
+        face.iter().for_each(|&v| areas[v as usize] += third);
+    }
+    areas
+}
+
+fn face_area(corners: [[f32; 3]; 3]) -> f64 {
+    let normal = triangle_normal(corners.map(vec3::wide));
+    0.5 * vec3::dot(normal, normal).sqrt()
+}
+
+/// For each vertex the smallest vertex that edges between vertices of its side lead to.
+fn parts_of(mesh: &TriangleMesh, kept: &[bool]) -> Vec<u32> {
+    let edges = mesh.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
+    connected(kept.len(), edges.filter(|[v, w]| kept[*v as usize] == kept[*w as usize]))
+}
+
+/// The part of the mesh on the side of the vertices that are kept.
+fn cut(mesh: &TriangleMesh, support: &[f32], factor: f32, kept: &[bool]) -> Trimmed {
+    let mut out = TriangleMesh { verts: mesh.verts.clone(), faces: Vec::new() };
+    let mut values = support.to_vec();
+    let mut crossings: HashMap<[u32; 2], u32> = HashMap::new();
+    // The vertex between one that is kept and one that is not.
+    let mut between = |v: u32, w: u32, out: &mut TriangleMesh| {
+        *crossings.entry([v, w]).or_insert_with(|| {
+            let (i, j) = (v as usize, w as usize);
+            let t = crossing(support[i], support[j], factor);
+            let (p, q) = (mesh.verts[i], mesh.verts[j]);
+            out.verts.push(std::array::from_fn(|k| p[k] + t * (q[k] - p[k])));
+            values.push(support[i] + t * (support[j] - support[i]));
+            out.verts.len() as u32 - 1
+        })
+    };
+    let whole: f64 = mesh.faces.iter().map(|f| face_area(f.map(|v| mesh.verts[v as usize]))).sum();
+    for face in &mesh.faces {
+        let inside = face.map(|v| kept[v as usize]);
+        match inside.iter().filter(|&&k| k).count() {
+            0 => {}
+            3 => out.faces.push(*face),
+            count => {
+                // Turned so that the corner on its own side is the first.
+                let alone = inside.iter().position(|&k| k == (count == 1)).expect("one corner is on its own");
+                let [a, b, c] = [0, 1, 2].map(|k| face[(alone + k) % 3]);
+                if count == 1 {
+                    let (ab, ac) = (between(a, b, &mut out), between(a, c, &mut out));
+                    out.faces.push([a, ab, ac]);
+                } else {
+                    let (ba, ca) = (between(b, a, &mut out), between(c, a, &mut out));
+                    out.faces.extend([[ba, b, c], [ba, c, ca]]);
+                }
+            }
+        }
+    }
+    let left: f64 = out.faces.iter().map(|f| face_area(f.map(|v| out.verts[v as usize]))).sum();
+    let mut used = vec![false; out.verts.len()];
+    out.faces.iter().flatten().for_each(|&v| used[v as usize] = true);
+    let support = values.iter().zip(&used).filter(|(_, used)| **used).map(|(&s, _)| s).collect();
+    out.remove_unused_verts();
+    Trimmed { mesh: out, support, removed: if whole > 0.0 { (1.0 - left / whole).clamp(0.0, 1.0) } else { 0.0 } }
+}
+
+/// Where the support passes the factor on the way from a vertex that is kept to one that is not; the middle where it
+/// does not, because one of them is on its side for the sake of its neighbours.
+fn crossing(kept: f32, dropped: f32, factor: f32) -> f32 {
+    let t = (factor - kept) / (dropped - kept);
+    if (0.0..=1.0).contains(&t) { t.clamp(MARGIN, 1.0 - MARGIN) } else { 0.5 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::{NarrowBandOptions, Shape, TetGrid, extract};
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
+
+    fn meshed(shape: Shape) -> TriangleMesh {
+        let grid = TetGrid::working_frame(24).unwrap();
+        let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(|&p| shape.sdf(p)).collect::<Vec<f32>>());
+        extract(&grid, &mut eval, &NarrowBandOptions::default()).unwrap()
+    }
+
+    /// Each vertex of the boundary has one edge in and one out, so that the boundary is made of closed loops; no edge
+    /// is in three faces.
+    fn assert_clean(mesh: &TriangleMesh) {
+        let mut uses: BTreeMap<[u32; 2], i32> = BTreeMap::new();
+        for &[a, b, c] in &mesh.faces {
+            [[a, b], [b, c], [c, a]].into_iter().for_each(|edge| *uses.entry(edge).or_default() += 1);
+        }
+        assert!(uses.values().all(|&n| n == 1), "an edge is used twice in one direction");
+        let (mut out, mut into) = (BTreeMap::new(), BTreeMap::new());
+        for &[a, b] in uses.keys().filter(|[a, b]| !uses.contains_key(&[*b, *a])) {
+            assert!(out.insert(a, b).is_none() && into.insert(b, a).is_none(), "two boundaries touch");
+        }
+        assert_eq!(out.len(), into.len());
+        let topology = mesh.topology();
+        assert!(topology.nonmanifold_edges == 0 && topology.oriented && topology.unused_verts == 0);
+        assert_eq!(topology.degenerate_faces, 0);
+    }
+
+    /// The height over a plane stands for the support: the cut is a circle, and the area below it is known.
+    #[test]
+    fn a_sphere_is_cut_along_a_circle() {
+        let sphere = meshed(Shape::Sphere { radius: 0.4 });
+        let height: Vec<f32> = sphere.verts.iter().map(|p| p[2] + 0.4).collect();
+        let Trimmed { mesh, support, removed } = trim(&sphere, &height, 0.5);
+        assert_clean(&mesh);
+        let topology = mesh.topology();
+        // A disc.
+        assert_eq!((topology.components, topology.euler, topology.boundary_loops), (1, 1, 1));
+        // Of the height 0.8 of the sphere 0.5 is left, and area is as height.
+        assert!((removed - 0.375).abs() < 0.01, "{removed}");
+        assert!(support.iter().all(|&s| s <= 0.5 + 1e-3));
+        let onto = mesh.verts.iter().zip(&support).map(|(p, s)| (p[2] + 0.4 - s).abs()).fold(0.0, f32::max);
+        assert!(onto < 1e-6, "{onto}");
+    }
+
+    #[test]
+    fn nothing_beyond_the_factor_leaves_the_mesh_and_all_of_it_nothing() {
+        let torus = meshed(Shape::Torus { major: 0.3, minor: 0.12 });
+        let all = trim(&torus, &vec![1.0; torus.verts.len()], 2.0);
+        assert!(all.mesh == torus && all.removed == 0.0 && all.support.len() == torus.verts.len());
+        let none = trim(&torus, &vec![3.0; torus.verts.len()], 2.0);
+        assert!(none.mesh == TriangleMesh::default() && none.removed == 1.0 && none.support.is_empty());
+    }
+
+    #[test]
+    fn small_holes_are_kept_and_scraps_are_not() {
+        let sphere = meshed(Shape::Sphere { radius: 0.4 });
+        let near = |p: &[f32; 3], z: f32| p[0].hypot(p[1]) < 0.02 && p[2] * z > 0.0;
+        let hole: Vec<f32> = sphere.verts.iter().map(|p| if near(p, 1.0) { 9.0 } else { 0.5 }).collect();
+        assert!(hole.contains(&9.0));
+        assert!(trim(&sphere, &hole, 2.0).mesh == sphere);
+        let scrap: Vec<f32> = sphere
+            .verts
+            .iter()
+            .map(|p| if near(p, 1.0) || p[2] < 0.0 { 0.5 } else { 9.0 })
+            .collect();
+        let left = trim(&sphere, &scrap, 2.0).mesh;
+        assert_clean(&left);
+        assert_eq!((left.topology().components, left.topology().boundary_loops), (1, 1));
+        assert!(left.verts.iter().all(|p| p[2] < 0.1));
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+
+        /// Waves in space as the support: islands, isthmuses and holes of all sizes.
+        #[test]
+        fn what_is_left_of_a_manifold_is_one(
+            waves in prop::collection::vec(prop::array::uniform4(-9.0f32..9.0), 1..5),
+            factor in 0.2f32..1.8,
+        ) {
+            let sphere = meshed(Shape::Torus { major: 0.3, minor: 0.12 });
+            let wave = |p: &[f32; 3], w: &[f32; 4]| (w[0] * p[0] + w[1] * p[1] + w[2] * p[2] + w[3]).sin();
+            let at = |p: &[f32; 3]| 1.0 + waves.iter().map(|w| wave(p, w)).sum::<f32>() / waves.len() as f32;
+            let support: Vec<f32> = sphere.verts.iter().map(at).collect();
+            let trimmed = trim(&sphere, &support, factor);
+            if !trimmed.mesh.faces.is_empty() {
+                assert_clean(&trimmed.mesh);
+                prop_assert_eq!(trimmed.support.len(), trimmed.mesh.verts.len());
+            }
+        }
+    }
+}
