@@ -6,20 +6,19 @@
 //! vertices of a tetrahedral grid onto S. Everything is trained for the one cloud at hand; there is no training data.
 //!
 //! ```
-//! use bijective_sdf::{Config, Preset, reconstruct};
 //! use bijective_sdf::geometry::Shape;
-//! use std::ops::ControlFlow;
+//! use bijective_sdf::reconstruct::Stage;
+//! use bijective_sdf::{Config, Preset, reconstruct};
 //!
 //! // 150 points on a sphere of radius 2; `io::read_cloud` reads them from a file.
 //! let (points, _) = Shape::Sphere { radius: 2.0 }.sample(150, 1);
 //! let mut config = Config::preset(Preset::Fast);
-//! config.set("stages", "16:40")?; // 40 steps on a grid of 16 cubes: much less than usual
-//! config.set("start.steps", "100")?;
+//! // 40 steps on a grid of 16 cubes, after 100 steps on the first shape: much less than usual.
+//! config.stages = vec![Stage { resolution: 16, steps: 40 }];
+//! config.start.steps = 100;
 //!
-//! let result = reconstruct(&points, &config, &mut |event| {
-//!     let _ = event; // progress; ControlFlow::Break(()) stops the run
-//!     ControlFlow::Continue(())
-//! })?;
+//! // `reconstruct_with` tells of its progress and can be stopped.
+//! let result = reconstruct(&points, &config)?;
 //!
 //! let sdf = result.sdf(&[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
 //! assert!(sdf[0] < 0.0 && sdf[1] > 0.0);
@@ -79,4 +78,6 @@ pub mod start;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};
-pub use reconstruct::{Config, Event, Preset, Reconstruction, Trainer, reconstruct};
+pub use reconstruct::{
+    Config, Event, Outcome, Preset, Reconstruction, Trainer, reconstruct, reconstruct_with,
+};

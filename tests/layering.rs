@@ -207,12 +207,7 @@ fn circles(sources: &Sources) -> Vec<String> {
         }
         false
     };
-    // The parts of reconstruct are still the parts of one type.
-    let inside = |path: &&&str| {
-        !path.ends_with("mod.rs")
-            && !["lib.rs", "main.rs"].contains(*path)
-            && !path.starts_with("reconstruct/")
-    };
+    let inside = |path: &&&str| !path.ends_with("mod.rs") && !["lib.rs", "main.rs"].contains(*path);
     uses.keys()
         .filter(inside)
         .filter(|path| reaches(path, path))

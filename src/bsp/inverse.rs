@@ -53,11 +53,6 @@ impl Inverse {
         }
     }
 
-    /// Takes the scale of the offsets from other `points`.
-    pub(super) fn set_cloud(&mut self, points: &[[f32; 3]]) {
-        self.spacing = mean_spacing(points);
-    }
-
     /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (c x channels) and
     /// positions (c x 3) of a context; `block` has the rows of the context that each centre's patch attends to, and
     /// the charts, if there are any.

@@ -58,8 +58,8 @@ pub struct BspConfig {
     /// S need not lie on the points to be a surface through them. 0 as in the paper; has no effect without `charts`.
     pub slack: f32,
     /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
-    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S
-    /// from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
+    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the spacing around p. It
+    /// keeps S from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
     pub normal_weight: f32,
 }
 
@@ -128,10 +128,6 @@ impl Bsp {
     pub(super) fn codes(&self, points: Vec<[f32; 3]>) -> Codes {
         let (patches, index) = self.sampler.patches(&points);
         Codes { points, patches, index, sphere: self.sampler.sphere().len() }
-    }
-
-    pub(super) fn set_cloud(&mut self, points: &[[f32; 3]]) {
-        self.inverse.set_cloud(points);
     }
 
     /// The parameters of both maps.

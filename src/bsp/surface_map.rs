@@ -83,16 +83,6 @@ impl SurfaceMap {
         }
     }
 
-    /// Goes over to another cloud of as many points (n x 3): for one whose noise was found later. What was learned
-    /// stays.
-    pub fn set_cloud(&mut self, points: &[[f32; 3]]) {
-        match self {
-            SurfaceMap::Bsp(bsp) => bsp.set_cloud(points),
-            SurfaceMap::Atlas(_) => {}
-            SurfaceMap::Upsample(upsample) => *upsample = Upsample::new(points, upsample.patch()),
-        }
-    }
-
     /// The parts that S is made in, for at most `size` centres each; a global map is made in one. `normals` (n x 3)
     /// tell the sheets of the surface apart, for maps that look at neighbours.
     ///

@@ -195,7 +195,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
 pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object {
     let losses = trained.last.as_ref().map_or("null".to_string(), |r| {
         let loss = Object::new().number("loss", f64::from(r.loss));
-        let terms = r.terms().into_iter();
+        let terms = r.terms.each().into_iter();
         terms.fold(loss, |json, (name, value)| json.number(name, f64::from(value))).finish()
     });
     json.count("steps", trained.steps)

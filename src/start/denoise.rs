@@ -34,12 +34,12 @@ const ROUNDS: usize = 4;
 /// The median of the square of a standard normal number.
 const MEDIAN_SQUARE: f64 = 0.4549;
 
-/// A cloud without its noise, as far as some was found.
-#[derive(Clone, Debug)]
+/// A cloud without its noise.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Denoised {
     /// The points, moved (n x 3, working frame).
     pub points: Vec<[f32; 3]>,
-    /// The root of the mean square of the moves; 0 where the points were left alone.
+    /// The root of the mean square of the moves.
     pub moved: f64,
 }
 
@@ -58,17 +58,16 @@ pub struct Denoised {
 /// 0.003: the root of its parameter times the amplitude that most points speak for. With its own normals it is chosen
 /// again, until it stays the same, up to four times, or no noise is found with them; then the last choice stands. The
 /// points move onto that plate; if that would be by more than the noise (root of the mean square), onto the smoothest
-/// one to which they move by less. In all other cases, and for clouds whose size is not in [`DENOISED_POINTS`], they
-/// are returned as they are.
+/// one to which they move by less. In all other cases, and for clouds whose size is not in [`DENOISED_POINTS`], the
+/// points stay where they are, and there is `None`.
 ///
 /// # Panics
 /// If there is not one normal a point.
 #[track_caller]
-pub fn denoise(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Denoised {
+pub fn denoise(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<Denoised> {
     let (n, m) = (points.len(), normals.len());
     assert!(n == m, "denoise: {n} points, {m} normals");
-    let smoothed = if DENOISED_POINTS.contains(&n) { smoothed(points, normals) } else { None };
-    smoothed.unwrap_or_else(|| Denoised { points: points.to_vec(), moved: 0.0 })
+    if DENOISED_POINTS.contains(&n) { smoothed(points, normals) } else { None }
 }
 
 /// The points on the surface that is chosen for them; `None` if that goes through them, is not worth it, or there is
@@ -214,8 +213,7 @@ mod tests {
             [TORUS, Shape::Sphere { radius: 0.5 }, Shape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.01 }]
         {
             let (points, normals) = shape.sample(200, 3);
-            let same = denoise(&points, &normals);
-            assert_eq!((same.points, same.moved), (points, 0.0));
+            assert!(denoise(&points, &normals).is_none());
         }
     }
 
@@ -224,7 +222,7 @@ mod tests {
         for (shape, sigma) in [(TORUS, 0.01), (Shape::Sphere { radius: 0.5 }, 0.02)] {
             let (exact, normals) = shape.sample(160, 3);
             let points = noisy(&exact, sigma, 7);
-            let clean = denoise(&points, &normals);
+            let clean = denoise(&points, &normals).unwrap();
             let (before, after) = (off(shape, &points), off(shape, &clean.points));
             assert!(after < 0.75 * before, "{before} to {after}");
             let square =
@@ -247,7 +245,8 @@ mod tests {
             let points = noisy(&shape.sample(300, 3).0, sigma, seed);
             let rough = gauss_shapes(&points, &[0.25], 0.05, 0).unwrap();
             let normals = TriangleBvh::new(&rough[0]).unwrap().normals_near(&points);
-            let (before, after) = (off(shape, &points), off(shape, &denoise(&points, &normals).points));
+            let (before, after) =
+                (off(shape, &points), off(shape, &denoise(&points, &normals).unwrap().points));
             assert!(after < 0.75 * before, "{before} to {after}");
         }
     }
@@ -257,11 +256,11 @@ mod tests {
         for n in [1, DENOISED_POINTS.start() - 1, DENOISED_POINTS.end() + 1] {
             let (points, normals) = TORUS.sample(n, 1);
             let points = noisy(&points, 0.03, 2);
-            assert_eq!(denoise(&points, &normals).points, points);
+            assert!(denoise(&points, &normals).is_none());
         }
         // Nor is there an error where the points determine no surface.
         let flat = vec![[0.25, 0.25, 0.25]; 60];
-        assert_eq!(denoise(&flat, &vec![[0.0, 0.0, 1.0]; 60]).moved, 0.0);
+        assert!(denoise(&flat, &vec![[0.0, 0.0, 1.0]; 60]).is_none());
     }
 
     /// Forecasts of 39 points, no two alike; slopes from `least` on.
@@ -340,7 +339,7 @@ mod tests {
         let (exact, normals) = TORUS.sample(160, 3);
         for (sigma, taken) in [(0.0008, false), (0.0025, false), (0.006, true)] {
             let points = noisy(&exact, sigma, 7);
-            assert_eq!(denoise(&points, &normals).moved > 0.0, taken, "{sigma}");
+            assert_eq!(denoise(&points, &normals).is_some(), taken, "{sigma}");
         }
     }
 
@@ -423,8 +422,9 @@ mod tests {
                 pool.install(|| denoise(&points, &normals))
             };
             let (one, three) = (on(1), on(3));
-            prop_assert_eq!(&one.points, &three.points);
-            prop_assert!(one.moved.is_finite() && one.points.iter().flatten().all(|x| x.is_finite()));
+            prop_assert_eq!(&one, &three);
+            let finite = |d: &Denoised| d.moved.is_finite() && d.points.iter().flatten().all(|x| x.is_finite());
+            prop_assert!(one.as_ref().is_none_or(finite));
         }
     }
 }

@@ -9,6 +9,7 @@ use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rayon::prelude::*;
+use std::sync::OnceLock;
 
 /// Points in the pool that steps go through batch by batch.
 const POOL: usize = 20_480;
@@ -31,7 +32,7 @@ pub struct ShapeFit {
     tree: TriangleBvh,
     points: Vec<[f32; 3]>,
     /// What the field is to be at each batch of points, as far as it has been asked for.
-    targets: Vec<Option<Targets>>,
+    targets: Vec<OnceLock<Targets>>,
 }
 
 /// Signed distances and their gradients at a batch of points.
@@ -79,14 +80,14 @@ impl ShapeFit {
             })
         };
         let points = surface.points.iter().enumerate().map(&mut place).collect();
-        Ok(ShapeFit { tree, points, targets: vec![None; POOL / BATCH] })
+        Ok(ShapeFit { tree, points, targets: vec![OnceLock::new(); POOL / BATCH] })
     }
 
     /// The loss of step `step` (from 0) and its gradients.
-    pub fn step(&mut self, field: &Field, pass: &mut FieldPass, step: usize) -> ShapeFitStep {
+    pub fn step(&self, field: &Field, pass: &mut FieldPass, step: usize) -> ShapeFitStep {
         let batch = step % self.targets.len();
         let points = &self.points[batch * BATCH..][..BATCH];
-        let targets = &*self.targets[batch].get_or_insert_with(|| Targets::at(points, &self.tree));
+        let targets = self.targets[batch].get_or_init(|| Targets::at(points, &self.tree));
 
         let FieldValues { sdf, gradient, .. } = pass.forward(field, points, &Default::default());
         let n = BATCH as f32;
@@ -144,7 +145,7 @@ mod tests {
         };
         let mut field = Field::new(config, &mut ChaCha8Rng::seed_from_u64(1));
         let mesh = gauss_shape(&torus.sample(250, 2).0, 0.5, 0.05, 0).unwrap();
-        let mut fit = ShapeFit::new(&mesh, 0).unwrap();
+        let fit = ShapeFit::new(&mesh, 0).unwrap();
         let (mut pass, mut adam) =
             (FieldPass::new(), Adam::new(field.params().values(), AdamOptions::default()));
         let mut last = f32::NAN;
@@ -173,10 +174,9 @@ mod tests {
             radius: 0.4,
         };
         let field = Field::new(config, &mut ChaCha8Rng::seed_from_u64(1));
-        let mut fit = ShapeFit::new(&mesh, 7).unwrap();
-        let loss =
-            |fit: &mut ShapeFit, step: usize| fit.step(&field, &mut FieldPass::new(), step).loss.to_bits();
-        let all: Vec<u32> = (0..12).map(|i| loss(&mut fit, i)).collect();
+        let fit = ShapeFit::new(&mesh, 7).unwrap();
+        let loss = |fit: &ShapeFit, step: usize| fit.step(&field, &mut FieldPass::new(), step).loss.to_bits();
+        let all: Vec<u32> = (0..12).map(|i| loss(&fit, i)).collect();
         assert!(all[0] == all[10] && all[1] == all[11] && all[0] != all[1]);
         assert_eq!(loss(&mut ShapeFit::new(&mesh, 7).unwrap(), 6), all[6]);
         assert_ne!(loss(&mut ShapeFit::new(&mesh, 8).unwrap(), 6), all[6]);
