@@ -43,11 +43,12 @@
 //!
 //! # Modules
 //!
-//! A module uses those below it; `io` uses `geometry` only, and `evaluate` everything but the training.
+//! Most programs need [`mod@reconstruct`], [`io`] and [`geometry`]; the rest are the parts that the training is made
+//! of, for losses and layers of one's own. A module uses those below it; `io` uses `geometry` only, and `evaluate`
+//! everything but the training.
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
 //! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).
-//! - [`start`], [`finish`]: what comes before the training, the first shape, and after it, corrections at the points.
 //! - [`gdo`]: the move of grid vertices along the field, and the differentiable surface.
 //! - [`field`]: the field g and its spatial gradient.
 //! - [`loss`]: Chamfer distances and the other terms.
@@ -55,29 +56,33 @@
 //! - [`ops`], [`autodiff`], [`tensor`]: operations with their gradients, the tape, and dense `f32` arrays.
 //! - [`geometry`]: clouds, neighbours, the tetrahedral grid, marching, meshes and what they are like.
 //! - [`io`]: readers and writers. [`evaluate`]: metrics against a ground truth.
-#![deny(missing_docs)]
-#![deny(unsafe_code)]
+//!
+//! To change something here, read `src/README.md`: the map, the rules, and where a new operation, loss term, format or
+//! option goes.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 pub mod autodiff;
 pub mod bsp;
 mod error;
 pub mod evaluate;
 pub mod field;
-pub mod finish;
+mod finish;
 pub mod gdo;
 pub mod geometry;
 pub mod io;
-pub mod linalg;
+mod linalg;
 pub mod loss;
 pub mod nn;
 pub mod ops;
 pub mod optim;
+mod random;
 pub mod reconstruct;
 mod simd;
-pub mod start;
+mod start;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};
+pub use random::Random;
 pub use reconstruct::{
     Config, Event, Outcome, Preset, Reconstruction, Trainer, reconstruct, reconstruct_with,
 };

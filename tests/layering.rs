@@ -8,7 +8,7 @@ use std::path::Path;
 /// The rooms, those of a line above those of the line before. A room uses what is below its line, and itself.
 const LAYERS: [&[&str]; 12] = [
     &["error"],
-    &["simd"],
+    &["simd", "random"],
     &["tensor", "linalg", "geometry"],
     &["autodiff", "io"],
     &["ops"],

@@ -199,8 +199,7 @@ mod tests {
     use crate::autodiff::Tape;
     use crate::field::{Activation, FieldConfig};
     use crate::ops::testing::normal;
-    use rand::SeedableRng;
-    use rand::rngs::ChaCha8Rng;
+    use crate::random::Random;
 
     fn field(activation: Activation) -> Field {
         let config = FieldConfig {
@@ -212,7 +211,7 @@ mod tests {
             skip: Some(1),
             radius: 0.4,
         };
-        Field::with_offset(config, &mut ChaCha8Rng::seed_from_u64(3))
+        Field::with_offset(config, &mut Random::new(3))
     }
 
     fn points(n: usize, seed: u64) -> Vec<[f32; 3]> {

@@ -1,5 +1,5 @@
-//! The surface of least bending through the points, blended into a field where both agree and the points foretell each
-//! other.
+//! The surface of least bending through the points, blended into a field where both agree and where the surface through
+//! the other points predicts each point well.
 //!
 //! On a smooth shape that surface is nearer to the truth than a network is; at edges it overshoots, and it joins sheets
 //! that lie closer together than the points. Where that happens, points are not where a plate through the others has

@@ -1,4 +1,5 @@
-//! Bridges over gaps that the points cannot tell from a joint.
+//! Bridges: points asked to be inside, so that parts of the surface which are nearer to each other than points stay
+//! joined.
 //!
 //! A thin leg or the neck of a lamp comes apart in the training where it has no point for a while, though its parts are
 //! nearer to each other than points are. Twice during the training the surface is taken from 128 cubes a side, in the

@@ -1,4 +1,4 @@
-//! What the paper's figures are drawn from: points, S and grid vertices with their codes.
+//! Points, S and grid vertices with their codes: what the paper's figures are drawn from.
 
 use super::Phase;
 use super::band::ActiveBand;

@@ -160,8 +160,7 @@ mod tests {
     use super::*;
     use crate::bsp::{BspConfig, SurfaceMap};
     use crate::geometry::{Shape, fibonacci_sphere};
-    use rand::SeedableRng;
-    use rand::rngs::ChaCha8Rng;
+    use crate::random::Random;
 
     fn sphere(n: usize) -> Vec<[f32; 3]> {
         fibonacci_sphere(n).into_iter().map(|p| p.map(|x| 0.5 * x)).collect()
@@ -197,7 +196,7 @@ mod tests {
         let shape = FirstShape::find(&cloud, &config).unwrap().unwrap();
         let samples = Samples::of(&shape.mesh, &cloud, 600, 0).unwrap();
         let bsp = BspConfig { channels: 8, heads: 2, ..config.bsp };
-        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let mut rng = Random::new(0);
         let map = SurfaceMap::new(config.parameterization, bsp, &cloud, &mut rng).unwrap();
         let blocks = map.blocks(&cloud, Some(&shape.normals), 60);
         assert!(blocks.len() > 2);

@@ -8,9 +8,8 @@ use crate::error::Error;
 use crate::field::Field;
 use crate::gdo::Deformation;
 use crate::geometry::{Normalizer, TetGrid, clean_cloud, thin_cloud};
+use crate::random::Random;
 use crate::start::resolution_for_area;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
 use rand::seq::SliceRandom;
 
 /// The stream of random numbers that orders the cloud; weights take stream 0, training step i takes i + 1.
@@ -75,12 +74,12 @@ impl Setup {
         let denoised = shape.as_ref().and_then(|shape| shape.denoised.as_ref());
         let cloud = denoised.map_or(given, |denoised| denoised.points.clone());
 
-        let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+        let mut rng = Random::new(config.seed);
         let field = initial_field(&config, &mut rng);
         let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
         let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
         rng.set_stream(ORDER_STREAM);
-        order.shuffle(&mut rng);
+        order.shuffle(rng.source());
 
         let normals = shape.as_ref().map(|shape| &shape.normals[..]);
         let size = config.batch.centres;
@@ -132,7 +131,7 @@ fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
 }
 
 /// The field as its initial weights make it.
-pub(super) fn initial_field(config: &Config, rng: &mut ChaCha8Rng) -> Field {
+pub(super) fn initial_field(config: &Config, rng: &mut Random) -> Field {
     match config.deformation {
         Deformation::Offset => Field::with_offset(config.field, rng),
         _ => Field::new(config.field, rng),

@@ -7,8 +7,8 @@ use crate::field::Field;
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
 
-/// Everything that a step changes: with the [`Setup`](super::setup::Setup), all that the rest of a run depends on. A state to come back to
-/// is a clone.
+/// Everything that a step changes: with the [`Setup`](super::setup::Setup), all that the rest of a run depends on. A
+/// state to come back to is a clone.
 #[derive(Clone, Debug)]
 pub(super) struct State {
     /// Steps done, of all phases.

@@ -1,4 +1,13 @@
-//! Noisy points moved onto a smooth surface near them.
+//! Noisy points moved onto a smooth surface near them, in five steps:
+//!
+//! 1. *Forecast*: a thin plate through all other points predicts each point, without smoothing and with several
+//!    smoothings ([`forecasts`]).
+//! 2. *Compare*: the smoothings are compared by how probable they make the points ([`log_densities`]).
+//! 3. *Choose*: the least smooth one that is about as good as the best, if it is better than none ([`choose`]) and
+//!    stands for enough noise ([`noise`]).
+//! 4. *Settle*: the choice is made again with its own normals, until it stays ([`settled`]).
+//! 5. *Move*: the points go onto that plate ([`on_surface`]), or a less smooth one, by no more than their noise
+//!    ([`within`]).
 //!
 //! The surface is a smoothing thin plate: the one of least bending that may miss the points (see
 //! [`ThinPlate`](super::ThinPlate)). How far it may is chosen by how probable each point is, given all others: as a
@@ -19,13 +28,11 @@ const SMOOTHINGS: [f64; 7] = [1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
 /// Which of them give the normals that all are compared with at first, tried in turn until noise is found. Normals that
 /// follow the points closely foresee their noise, those of too smooth a surface know nothing of thin parts.
 const REFERENCES: [usize; 3] = [6, 4, 2];
-/// Standard errors by which the best smoothing must foresee better than none. No level of significance, as the best of
-/// several is taken: it was set, with [`NEGLIGIBLE`], on 207 exact clouds of 69 shapes, of which 10 pass. All but one
-/// are of parts whose walls are thinner than the gaps between points, which look like noise.
+/// Standard errors by which the best smoothing must predict better than none. Not a level of significance, as the best
+/// of several is taken; how often exact clouds pass it is in `benches/method.md`.
 const SURE: f64 = 3.0;
 /// Noise, as estimated (standard deviation, working frame), that is worth taking off; less may be detail. Estimates are
-/// rather low, for the normals take some of it: where it is found, 0.0045 for 0.005 (median of 27 clouds) and 0.0078
-/// for 0.01 (of 28).
+/// rather low, for the normals take some of it.
 const NEGLIGIBLE: f64 = 3e-3;
 /// The least slope that is believed, so that no place has the density 0. Not tuned.
 const MIN_SLOPE: f64 = 0.05;

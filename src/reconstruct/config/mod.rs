@@ -1,4 +1,4 @@
-//! What can be chosen. Everything is in the working frame: the cloud centred, its longest side 1.
+//! The options of a run. Lengths are in the working frame: the cloud centred, its longest side 1.
 
 mod options;
 mod preset;
@@ -51,7 +51,7 @@ pub enum Finishing {
     /// Nothing.
     None,
     /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
-    /// points foretell each other ([`Finish`](crate::finish::Finish)); for clouds of 20 to a million points, others are
+    /// points foretell each other; for clouds of 20 to a million points, others are
     /// left as they are.
     Points,
 }
@@ -108,7 +108,7 @@ pub struct Config {
     /// Default true.
     pub scale_with_points: bool,
     /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
-    /// they do ([`denoise`](crate::start::denoise())); for clouds of 50 to 500 points with another start than a sphere.
+    /// they do; for clouds of 50 to 500 points with another start than a sphere.
     /// Default true; the paper does not.
     pub denoise: bool,
     /// The network g.

@@ -1,4 +1,4 @@
-//! What is told of a step.
+//! The report of a step.
 
 use super::Phase;
 use crate::reconstruct::objective::Terms;

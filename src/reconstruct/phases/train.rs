@@ -11,14 +11,13 @@ use crate::gdo::{FaceSamples, deform};
 use crate::geometry::{Isosurface, TetGrid, TriangleBvh};
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
+use crate::random::Random;
 use crate::reconstruct::Phase;
 use crate::reconstruct::band::ActiveBand;
 use crate::reconstruct::objective::{Scene, Terms, add_terms, target};
 use crate::reconstruct::setup::Setup;
 use crate::reconstruct::state::{State, fresh_adam};
 use crate::tensor::Tensor;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
 use std::ops::Range;
 
 /// What comes before the first step of the training; doing it again changes nothing.
@@ -247,7 +246,7 @@ impl<'a> TrainStep<'a> {
         let (drawn, tree) = match config.surface_samples {
             0 => (crossings, None),
             count => {
-                let mut rng = ChaCha8Rng::seed_from_u64(config.seed);
+                let mut rng = Random::new(config.seed);
                 rng.set_stream(self.step as u64 + 1);
                 let at = tape.value(crossings).data().as_chunks().0;
                 let samples = FaceSamples::draw(at, &iso.faces, count, &mut rng);

@@ -6,6 +6,7 @@ use crate::error::{Error, ErrorKind};
 use crate::geometry::{Normalizer, TriangleMesh};
 use crate::nn::Params;
 use crate::optim::Adam;
+use crate::random::Random;
 use crate::reconstruct::bridges::Bridges;
 use crate::reconstruct::phases::FAR;
 use crate::reconstruct::result::{FoundShape, Shape};
@@ -14,8 +15,6 @@ use crate::reconstruct::state::{State, fresh_adam};
 use crate::reconstruct::trainer::{RECOVERIES, find_band};
 use crate::reconstruct::{Config, Phase, Reconstruction, Trainer};
 use crate::tensor::Tensor;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -165,7 +164,7 @@ impl Reconstruction {
         let normalizer = Normalizer::from_array(frame.map(f64::from_bits))
             .map_err(|e| damaged("its frame cannot be used").caused_by(e))?;
 
-        let mut field = initial_field(&config, &mut ChaCha8Rng::seed_from_u64(config.seed));
+        let mut field = initial_field(&config, &mut Random::new(config.seed));
         let found = store.tensors.contains_key(FOUND[0]).then_some(FOUND);
         let finished = store.tensors.contains_key(FINISH).then_some(FINISH);
         let mut expected: BTreeMap<String, Tensor> = match found {

@@ -5,8 +5,7 @@ use super::{at_training, ball, noisy, quick, run};
 use crate::bsp::{Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
 use crate::geometry::Shape;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 
 /// Reconstructs a shape of known topology from a few points, in a frame of its own.
 fn check_shape(shape: Shape, count: usize, components: usize, genus: i64) {
@@ -104,7 +103,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     let upsample = Config { parameterization: Parameterization::Upsample, ..noisy(120).1 };
     let mut trainer = at_training(&points, &upsample);
     trainer.step().unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
+    let mut rng = Random::new(0);
     let cloud = &trainer.setup.cloud;
     let fresh = SurfaceMap::new(upsample.parameterization, upsample.bsp, cloud, &mut rng).unwrap();
     assert_eq!(trainer.state.surface, fresh.surface(cloud, &fresh.blocks(cloud, None, 1000)));
