@@ -1,7 +1,7 @@
 //! The field over many vertices at once, on several threads; its memory does not grow with the vertices beyond a bound.
 
 use super::Field;
-use super::network::{Block, Network, Outputs, Scratch, Seeds, Weights};
+use super::network::{Block, Network, Outputs, PackedWeights, Scratch, Seeds};
 use crate::tensor::{Pool, Tensor, add_row_sums};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
@@ -40,7 +40,7 @@ pub struct FieldPass {
     /// Parameter gradients of the blocks of a wave, all parameters in one row.
     gradients: Vec<Vec<f32>>,
     /// Of the field of the last forward pass.
-    weights: Weights,
+    weights: PackedWeights,
     scratch: Mutex<Vec<Scratch>>,
 }
 

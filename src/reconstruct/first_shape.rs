@@ -80,7 +80,7 @@ pub(super) struct Samples {
 }
 
 /// The samples that a block's part of S is to cover.
-pub(super) struct Around {
+pub(super) struct BlockSamples {
     /// Those nearest to a point of the context, those nearest to a centre first.
     points: Vec<[f32; 3]>,
     /// How many are nearest to a centre.
@@ -99,7 +99,7 @@ impl Samples {
     }
 
     /// The samples around the points of a block.
-    pub fn around(&self, block: &Neighbourhood) -> Around {
+    pub fn around(&self, block: &Neighbourhood) -> BlockSamples {
         let mut role = vec![Role::Outside; self.cloud_len];
         block.context().iter().for_each(|&i| role[i as usize] = Role::Context);
         block.centres().iter().for_each(|&i| role[i as usize] = Role::Centre);
@@ -110,7 +110,7 @@ impl Samples {
         let mut points = of(Role::Centre);
         let own = points.len();
         points.extend(of(Role::Context));
-        Around { points, own }
+        BlockSamples { points, own }
     }
 }
 
@@ -129,7 +129,7 @@ pub(super) fn shape_term(
     surface: Var,
     context: Var,
     block: &Neighbourhood,
-    around: &Around,
+    around: &BlockSamples,
     slack: Option<Arc<[f32]>>,
 ) -> Var {
     let b = block.centres().len();
@@ -200,7 +200,7 @@ mod tests {
         let map = SurfaceMap::new(config.parameterization, bsp, &cloud, &mut rng).unwrap();
         let blocks = map.blocks(&cloud, Some(&shape.normals), 60);
         assert!(blocks.len() > 2);
-        let around: Vec<Around> = blocks.iter().map(|b| samples.around(b)).collect();
+        let around: Vec<BlockSamples> = blocks.iter().map(|b| samples.around(b)).collect();
         // Every sample is one block's own.
         let mut own: Vec<_> = around.iter().flat_map(|a| a.points[..a.own].to_vec()).collect();
         let mut all = samples.points.clone();

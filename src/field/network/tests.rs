@@ -101,7 +101,7 @@ fn a_pass_is_the_same_where_products_fuse() {
         let field = field(config, true, 5);
         let (x, seeds) = (points(n, 3), [1, 3, 3].map(|c| normal(&[n, c], c as u64)));
         same_where_products_fuse(|| {
-            let mut weights = Weights::default();
+            let mut weights = PackedWeights::default();
             weights.fill(&field);
             let network = Network { field: &field, weights: &weights };
             let (mut block, mut scratch) = (Block::default(), Scratch::default());
