@@ -4,6 +4,7 @@
 //!
 //! `cargo bench --bench peak`. Each figure is the best of many short runs, which is what a loaded machine disturbs
 //! least; peak and products take turns.
+#![allow(unsafe_code)]
 
 // The loops are not public: this program compiles them once more, and uses a part of them.
 #[allow(dead_code, unused_imports)]

@@ -6,20 +6,19 @@
 //! vertices of a tetrahedral grid onto S. Everything is trained for the one cloud at hand; there is no training data.
 //!
 //! ```
-//! use bijective_sdf::{Config, Preset, reconstruct};
 //! use bijective_sdf::geometry::Shape;
-//! use std::ops::ControlFlow;
+//! use bijective_sdf::reconstruct::Stage;
+//! use bijective_sdf::{Config, Preset, reconstruct};
 //!
 //! // 150 points on a sphere of radius 2; `io::read_cloud` reads them from a file.
 //! let (points, _) = Shape::Sphere { radius: 2.0 }.sample(150, 1);
 //! let mut config = Config::preset(Preset::Fast);
-//! config.set("stages", "16:40")?; // 40 steps on a grid of 16 cubes: much less than usual
-//! config.set("start.steps", "100")?;
+//! // 40 steps on a grid of 16 cubes, after 100 steps on the first shape: much less than usual.
+//! config.stages = vec![Stage { resolution: 16, steps: 40 }];
+//! config.start.steps = 100;
 //!
-//! let result = reconstruct(&points, &config, &mut |event| {
-//!     let _ = event; // progress; ControlFlow::Break(()) stops the run
-//!     ControlFlow::Continue(())
-//! })?;
+//! // `reconstruct_with` tells of its progress and can be stopped.
+//! let result = reconstruct(&points, &config)?;
 //!
 //! let sdf = result.sdf(&[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
 //! assert!(sdf[0] < 0.0 && sdf[1] > 0.0);
@@ -44,12 +43,13 @@
 //!
 //! # Modules
 //!
-//! A module uses those below it; `io` uses `geometry` only, and `evaluate` everything but the training.
+//! Most programs need [`mod@reconstruct`], [`io`] and [`geometry`]; the rest are the parts that the training is made
+//! of, for losses and layers of one's own. A module uses those below it; `io` uses `geometry` only, and `evaluate`
+//! everything but the training.
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
 //! - [`scene`]: what of a surface the points speak for, and the rest cut away.
 //! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).
-//! - [`start`], [`finish`]: what comes before the training, the first shape, and after it, corrections at the points.
 //! - [`gdo`]: the move of grid vertices along the field, and the differentiable surface.
 //! - [`field`]: the field g and its spatial gradient.
 //! - [`loss`]: Chamfer distances and the other terms.
@@ -57,28 +57,34 @@
 //! - [`ops`], [`autodiff`], [`tensor`]: operations with their gradients, the tape, and dense `f32` arrays.
 //! - [`geometry`]: clouds, neighbours, the tetrahedral grid, marching, meshes and what they are like.
 //! - [`io`]: readers and writers. [`evaluate`]: metrics against a ground truth.
-#![deny(missing_docs)]
-#![deny(unsafe_code)]
+//!
+//! To change something here, read `src/README.md`: the map, the rules, and where a new operation, loss term, format or
+//! option goes.
+#![cfg_attr(docsrs, feature(doc_cfg))]
 
 pub mod autodiff;
 pub mod bsp;
 mod error;
 pub mod evaluate;
 pub mod field;
-pub mod finish;
+mod finish;
 pub mod gdo;
 pub mod geometry;
 pub mod io;
-pub mod linalg;
+mod linalg;
 pub mod loss;
 pub mod nn;
 pub mod ops;
 pub mod optim;
+mod random;
 pub mod reconstruct;
 pub mod scene;
 mod simd;
-pub mod start;
+mod start;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};
-pub use reconstruct::{Config, Event, Preset, Reconstruction, Trainer, reconstruct};
+pub use random::Random;
+pub use reconstruct::{
+    Config, Event, Outcome, Preset, Reconstruction, Trainer, reconstruct, reconstruct_with,
+};

@@ -1,4 +1,5 @@
 //! What a training step asks the system for, once it has warmed up.
+#![allow(unsafe_code)]
 
 use bijective_sdf::geometry::Shape;
 use bijective_sdf::reconstruct::{Config, Phase, Stage, Trainer};

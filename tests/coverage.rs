@@ -1,7 +1,5 @@
 //! Whether S fills in between the points: the figures of a run, held against the true surface.
 
-use std::ops::ControlFlow;
-
 use bijective_sdf::bsp::{Coverage, Parameterization};
 use bijective_sdf::evaluate::{GroundTruth, Options, PointsReport, evaluate_points};
 use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, TriangleMesh, extract};
@@ -18,7 +16,7 @@ struct Seen {
 /// Reconstructs `n` points of a shape and measures the S that the run ends with.
 fn seen_after_training(shape: Shape, n: usize, config: &Config) -> Seen {
     let (points, _) = shape.sample(n, 1);
-    let result = reconstruct(&points, config, &mut |_| ControlFlow::Continue(())).unwrap();
+    let result = reconstruct(&points, config).unwrap();
     let truth = true_mesh(&shape);
     let sets: [&[[f32; 3]]; 2] = [result.cloud(), &result.surface_points()];
     let reports = evaluate_points(GroundTruth::Mesh(&truth), &sets, &Options::shape()).unwrap();

@@ -8,7 +8,7 @@ use std::path::Path;
 /// The rooms, those of a line above those of the line before. A room uses what is below its line, and itself.
 const LAYERS: [&[&str]; 13] = [
     &["error"],
-    &["simd"],
+    &["simd", "random"],
     &["tensor", "linalg", "geometry"],
     &["autodiff", "io"],
     &["ops"],
@@ -208,12 +208,7 @@ fn circles(sources: &Sources) -> Vec<String> {
         }
         false
     };
-    // The parts of reconstruct are still the parts of one type.
-    let inside = |path: &&&str| {
-        !path.ends_with("mod.rs")
-            && !["lib.rs", "main.rs"].contains(*path)
-            && !path.starts_with("reconstruct/")
-    };
+    let inside = |path: &&&str| !path.ends_with("mod.rs") && !["lib.rs", "main.rs"].contains(*path);
     uses.keys()
         .filter(inside)
         .filter(|path| reaches(path, path))

@@ -7,8 +7,6 @@ use bijective_sdf::nn::{
 };
 use bijective_sdf::optim::{Adam, AdamOptions};
 use bijective_sdf::tensor::Tensor;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
@@ -77,8 +75,8 @@ fn compare(case: &str, params: &mut Params, forward: impl Fn(&mut Tape, &Bound, 
     }
 }
 
-fn rng() -> ChaCha8Rng {
-    ChaCha8Rng::seed_from_u64(0)
+fn rng() -> bijective_sdf::Random {
+    bijective_sdf::Random::new(0)
 }
 
 #[test]

@@ -5,6 +5,7 @@
 //! `RAYON_NUM_THREADS=1 cargo bench -- --save-baseline one`.
 #![allow(dead_code)] // Every benchmark file is a program of its own and uses a part of this.
 
+use bijective_sdf::Random;
 use bijective_sdf::tensor::{Pool, Tensor};
 use criterion::Criterion;
 use rand::rngs::ChaCha8Rng;
@@ -30,13 +31,13 @@ pub fn in_pool(benches: fn()) {
 }
 
 /// The generator of a benchmark's inputs.
-pub fn rng(seed: u64) -> ChaCha8Rng {
-    ChaCha8Rng::seed_from_u64(seed)
+pub fn rng(seed: u64) -> Random {
+    Random::new(seed)
 }
 
 /// Standard normal values, in recycled memory as on a tape.
 pub fn normal(dims: &[usize], seed: u64) -> Tensor {
-    let mut rng = rng(seed);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let mut t = Tensor::zeros(dims).into_pool(&Pool::default());
     t.data_mut().iter_mut().for_each(|v| *v = StandardNormal.sample(&mut rng));
     t
@@ -44,7 +45,7 @@ pub fn normal(dims: &[usize], seed: u64) -> Tensor {
 
 /// Points uniform in the unit cube, n x 3.
 pub fn cube(n: usize, seed: u64) -> Vec<[f32; 3]> {
-    let mut rng = rng(seed);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
     (0..n).map(|_| std::array::from_fn(|_| rng.random())).collect()
 }
 

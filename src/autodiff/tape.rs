@@ -79,13 +79,13 @@ trait Backward: Send + Sync {
     fn pull(&self, nodes: &[Node], y: &Tensor, dy: &Tensor, add: &mut dyn FnMut(Var, Tensor));
 }
 
-struct Record<O: Op<N>, const N: usize> {
+struct Applied<O: Op<N>, const N: usize> {
     op: O,
     inputs: [Var; N],
     saved: O::Saved,
 }
 
-impl<O: Op<N>, const N: usize> Backward for Record<O, N> {
+impl<O: Op<N>, const N: usize> Backward for Applied<O, N> {
     fn pull(&self, nodes: &[Node], y: &Tensor, dy: &Tensor, add: &mut dyn FnMut(Var, Tensor)) {
         let x = self.inputs.map(|v| nodes[v.index()].value());
         let needs = self.inputs.map(|v| nodes[v.index()].needs);
@@ -161,7 +161,7 @@ impl Tape {
         let (value, saved) = op.forward(inputs.map(|v| self.value(v)));
         let needs = inputs.iter().any(|v| self.nodes[v.index()].needs);
         let record: Option<Box<dyn Backward>> =
-            if needs { Some(Box::new(Record { op, inputs, saved })) } else { None };
+            if needs { Some(Box::new(Applied { op, inputs, saved })) } else { None };
         self.push(Value::Owned(value), needs, record)
     }
 
@@ -175,7 +175,7 @@ impl Tape {
     ) -> Var {
         let needs = inputs.iter().any(|v| self.nodes[v.index()].needs);
         let record: Option<Box<dyn Backward>> =
-            if needs { Some(Box::new(Record { op, inputs, saved })) } else { None };
+            if needs { Some(Box::new(Applied { op, inputs, saved })) } else { None };
         self.push(Value::Shared(value), needs, record)
     }
 

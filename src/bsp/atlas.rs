@@ -3,8 +3,8 @@
 use crate::autodiff::{Tape, Var};
 use crate::geometry::fibonacci_sphere;
 use crate::nn::{Activation, Bound, Mlp, Params};
+use crate::random::Random;
 use crate::tensor::Tensor;
-use rand::rngs::ChaCha8Rng;
 use std::sync::Arc;
 
 /// One perceptron from the unit sphere to space, or several, each from a unit square of its own.
@@ -24,7 +24,7 @@ impl Atlas {
     /// # Panics
     /// If a size is 0.
     #[track_caller]
-    pub fn sphere(codes: usize, channels: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub fn sphere(codes: usize, channels: usize, rng: &mut Random) -> Self {
         Self::new(1, &Tensor::from_points(&fibonacci_sphere(codes)), channels, rng)
     }
 
@@ -33,7 +33,7 @@ impl Atlas {
     /// # Panics
     /// If a size is 0.
     #[track_caller]
-    pub fn squares(maps: usize, codes: usize, channels: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub fn squares(maps: usize, codes: usize, channels: usize, rng: &mut Random) -> Self {
         // The additive sequence of the plastic number fills a square evenly at any length (Roberts 2018).
         const PLASTIC: f64 = 1.324_717_957_244_746;
         let place = |i: usize, d: i32| ((i as f64 + 0.5) * PLASTIC.powi(-d)).fract() as f32;
@@ -42,7 +42,7 @@ impl Atlas {
     }
 
     #[track_caller]
-    fn new(maps: usize, codes: &Tensor, channels: usize, rng: &mut ChaCha8Rng) -> Self {
+    fn new(maps: usize, codes: &Tensor, channels: usize, rng: &mut Random) -> Self {
         assert!(maps > 0 && channels > 0 && !codes.is_empty(), "atlas: {maps} maps, {channels} channels");
         let mut params = Params::new();
         let widths = [codes.cols(), channels, channels, channels, 3];
@@ -91,11 +91,10 @@ impl Atlas {
 mod tests {
     use super::*;
     use crate::ops::testing::check;
-    use rand::SeedableRng;
 
     #[test]
     fn gradients_reach_every_parameter() {
-        let mut rng = ChaCha8Rng::seed_from_u64(4);
+        let mut rng = Random::new(4);
         for atlas in [Atlas::sphere(7, 6, &mut rng), Atlas::squares(3, 5, 6, &mut rng)] {
             let inputs: Vec<Tensor> = atlas.params.values().iter().map(|v| (**v).clone()).collect();
             check(|t, x| atlas.forward(t, &Bound::new(x.to_vec())), &inputs, 3);
@@ -114,7 +113,7 @@ mod tests {
 
     #[test]
     fn codes_fill_the_square() {
-        let atlas = Atlas::squares(2, 64, 4, &mut ChaCha8Rng::seed_from_u64(0));
+        let atlas = Atlas::squares(2, 64, 4, &mut Random::new(0));
         let mut cells = [0; 16];
         for code in atlas.maps[0].1.data().chunks_exact(2) {
             assert!(code.iter().all(|c| (0.0..1.0).contains(c)));

@@ -2,8 +2,8 @@
 
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Activation, Bound, LayerNorm, Mlp, PointTransformer, Scope};
+use crate::random::Random;
 use crate::tensor::Tensor;
-use rand::rngs::ChaCha8Rng;
 use std::sync::Arc;
 
 /// f = relu(norm(point transformer(Q))) over the k nearest neighbours (equation 1 of the paper), and the code
@@ -22,7 +22,7 @@ pub struct Canonical {
 
 impl Canonical {
     /// A map with c channels.
-    pub fn new(scope: &mut Scope<'_>, c: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(scope: &mut Scope<'_>, c: usize, rng: &mut Random) -> Self {
         Canonical {
             attention: PointTransformer::new(&mut scope.scope("attention"), 3, c, rng),
             norm: LayerNorm::new(&mut scope.scope("norm"), c),

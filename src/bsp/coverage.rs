@@ -1,4 +1,4 @@
-//! How well a parameterization covers what it is of: whether its codes fill the sphere, and S the gaps between points.
+//! Figures of a parameterization: how evenly its codes fill the sphere, and how well S fills the gaps between points.
 //!
 //! The distance from S to anything says little of it, because it improves as S collapses onto the points. These
 //! measures see a collapse: of the codes (they lie in one spot), of the points (S is few distinct places), and of the

@@ -4,7 +4,7 @@ use super::{BspConfig, Neighbourhood, chart};
 use crate::autodiff::{Tape, Var};
 use crate::geometry::mean_distances;
 use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 
 /// How far an output of 1 moves a point of S from its chart, in mean spacings of the cloud.
 const CHART_OFFSET: f32 = 0.1;
@@ -37,7 +37,7 @@ impl Inverse {
     /// # Panics
     /// If the channels are odd or not a multiple of the heads.
     #[track_caller]
-    pub fn new(scope: &mut Scope<'_>, config: &BspConfig, points: &[[f32; 3]], rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(scope: &mut Scope<'_>, config: &BspConfig, points: &[[f32; 3]], rng: &mut Random) -> Self {
         let c = config.channels;
         let sizes =
             DecoderSizes { channels: c, memory: c, heads: config.heads, hidden: c, self_attention: false };
@@ -51,11 +51,6 @@ impl Inverse {
             average_positions: config.average_positions,
             spacing: mean_spacing(points),
         }
-    }
-
-    /// Takes the scale of the offsets from other `points`.
-    pub(super) fn set_cloud(&mut self, points: &[[f32; 3]]) {
-        self.spacing = mean_spacing(points);
     }
 
     /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (c x channels) and
@@ -119,14 +114,13 @@ mod tests {
     use super::*;
     use crate::nn::Params;
     use crate::tensor::Tensor;
-    use rand::SeedableRng;
 
     #[test]
     fn averaged_positions_start_near_the_points_they_attend_to() {
         let points: Vec<[f32; 3]> = crate::geometry::fibonacci_sphere(60);
         let config = super::super::tests::small(4, true);
         let mut params = Params::new();
-        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut rng = Random::new(3);
         let psi = Inverse::new(&mut params.scope("psi"), &config, &points, &mut rng);
         let mut tape = Tape::new();
         let p = params.bind(&mut tape, false);

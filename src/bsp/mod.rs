@@ -24,7 +24,7 @@ pub use upsample::Upsample;
 
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 
 /// The sizes of the parameterization.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -58,8 +58,8 @@ pub struct BspConfig {
     /// S need not lie on the points to be a surface through them. 0 as in the paper; has no effect without `charts`.
     pub slack: f32,
     /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
-    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the spacing around p. It keeps S
-    /// from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
+    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the spacing around p. It
+    /// keeps S from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
     pub normal_weight: f32,
 }
 
@@ -103,7 +103,7 @@ impl Bsp {
     /// # Panics
     /// If the cloud is empty, or the channels are not a multiple of the heads.
     #[track_caller]
-    pub fn new(config: BspConfig, points: &[[f32; 3]], rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(config: BspConfig, points: &[[f32; 3]], rng: &mut Random) -> Self {
         let n = points.len();
         let mut params = Params::new();
         let canonical = Canonical::new(&mut params.scope("phi"), config.channels, rng);
@@ -128,10 +128,6 @@ impl Bsp {
     pub(super) fn codes(&self, points: Vec<[f32; 3]>) -> Codes {
         let (patches, index) = self.sampler.patches(&points);
         Codes { points, patches, index, sphere: self.sampler.sphere().len() }
-    }
-
-    pub(super) fn set_cloud(&mut self, points: &[[f32; 3]]) {
-        self.inverse.set_cloud(points);
     }
 
     /// The parameters of both maps.
@@ -167,7 +163,6 @@ mod tests {
     use crate::loss::Direction;
     use crate::ops::testing::normal;
     use crate::tensor::Tensor;
-    use rand::SeedableRng;
 
     pub(super) fn small(reach: usize, average_positions: bool) -> BspConfig {
         BspConfig {
@@ -198,7 +193,7 @@ mod tests {
             (4, false, true),
         ] {
             let config = BspConfig { layout: charts, charts, ..small(reach, average) };
-            let bsp = Bsp::new(config, &points, &mut ChaCha8Rng::seed_from_u64(2));
+            let bsp = Bsp::new(config, &points, &mut Random::new(2));
             let whole = Neighbourhood::whole(&points, None, bsp.config());
             let inputs: Vec<Tensor> = bsp.params.values().iter().map(|v| (**v).clone()).collect();
             // The patches' steps hold the codes that they lead away from, which differences must not move.
@@ -248,7 +243,7 @@ mod tests {
         let surfaces: Vec<Vec<f32>> = [0, 6]
             .iter()
             .map(|&reach| {
-                let bsp = Bsp::new(small(reach, true), &points, &mut ChaCha8Rng::seed_from_u64(2));
+                let bsp = Bsp::new(small(reach, true), &points, &mut Random::new(2));
                 let mut whole = Neighbourhood::whole(&points, None, bsp.config());
                 if reach > 0 {
                     // All seven, though a reach of n is otherwise taken as global.

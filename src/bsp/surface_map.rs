@@ -1,10 +1,10 @@
-//! The parameterizations behind one door.
+//! [`SurfaceMap`]: one type for all parameterizations.
 
 use super::{Atlas, Bsp, BspConfig, Neighbourhood, Parameterized, Upsample};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
+use crate::random::Random;
 use crate::tensor::Tensor;
-use rand::rngs::ChaCha8Rng;
 use std::sync::Arc;
 
 /// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
@@ -50,7 +50,7 @@ impl SurfaceMap {
         parameterization: Parameterization,
         config: BspConfig,
         points: &[[f32; 3]],
-        rng: &mut ChaCha8Rng,
+        rng: &mut Random,
     ) -> Option<Self> {
         let codes = (points.len() * config.patch).min(GLOBAL_CODES);
         let c = config.channels;
@@ -80,16 +80,6 @@ impl SurfaceMap {
             SurfaceMap::Bsp(bsp) => bsp.params_mut(),
             SurfaceMap::Atlas(atlas) => atlas.params_mut(),
             SurfaceMap::Upsample(upsample) => upsample.params_mut(),
-        }
-    }
-
-    /// Goes over to another cloud of as many points (n x 3): for one whose noise was found later. What was learned
-    /// stays.
-    pub fn set_cloud(&mut self, points: &[[f32; 3]]) {
-        match self {
-            SurfaceMap::Bsp(bsp) => bsp.set_cloud(points),
-            SurfaceMap::Atlas(_) => {}
-            SurfaceMap::Upsample(upsample) => *upsample = Upsample::new(points, upsample.patch()),
         }
     }
 
@@ -222,15 +212,13 @@ impl SurfaceMap {
 mod tests {
     use super::*;
     use crate::ops::testing::normal;
-    use rand::SeedableRng;
 
     #[test]
     fn blocks_give_the_surface_that_the_whole_gives_where_their_context_is_complete() {
         // With all points in every context the blocks differ from the whole in nothing but the order of sums.
         let points = normal(&[21, 3], 3).to_points();
         let config = BspConfig { neighbours: 4, reach: 21, ..super::super::tests::small(21, true) };
-        let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
-            .unwrap();
+        let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut Random::new(1)).unwrap();
         let whole = map.surface(&points, &map.blocks(&points, None, 100));
         let blocks = map.blocks(&points, None, 6);
         assert!(blocks.len() > 3);
@@ -243,8 +231,7 @@ mod tests {
     fn the_codes_of_a_cloud_are_those_that_its_surface_comes_from() {
         let points = normal(&[21, 3], 3).to_points();
         let config = BspConfig { neighbours: 4, reach: 5, ..super::super::tests::small(5, true) };
-        let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
-            .unwrap();
+        let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut Random::new(1)).unwrap();
         let SurfaceMap::Bsp(bsp) = &map else { panic!("asked for BSP") };
         let blocks = map.blocks(&points, None, 6);
         let all = map.parameterize(&points, &blocks);
@@ -273,9 +260,7 @@ mod tests {
     fn interpolation_is_the_same_in_blocks_and_has_no_parameters() {
         let points = normal(&[40, 3], 3).to_points();
         let config = super::super::tests::small(4, true);
-        let map =
-            SurfaceMap::new(Parameterization::Upsample, config, &points, &mut ChaCha8Rng::seed_from_u64(1))
-                .unwrap();
+        let map = SurfaceMap::new(Parameterization::Upsample, config, &points, &mut Random::new(1)).unwrap();
         assert!(map.params().is_empty());
         let blocks = map.blocks(&points, None, 6);
         assert!(blocks.len() > 6);
@@ -294,14 +279,14 @@ mod tests {
             (Parameterization::Multiple { maps: 5 }, 30),
         ] {
             let config = super::super::tests::small(4, true);
-            let map = SurfaceMap::new(kind, config, &points, &mut ChaCha8Rng::seed_from_u64(1)).unwrap();
+            let map = SurfaceMap::new(kind, config, &points, &mut Random::new(1)).unwrap();
             let surface = map.surface(&points, &map.blocks(&points, None, 4));
             assert_eq!((surface.len(), map.surface_len(9)), (want, want));
             assert!(surface.iter().flatten().all(|x| x.is_finite()));
             let all = map.parameterize(&points, &map.blocks(&points, None, 4));
             assert_eq!((all.surface, all.codes.is_some()), (surface, kind == Parameterization::Bsp));
         }
-        let mut rng = ChaCha8Rng::seed_from_u64(1);
+        let mut rng = Random::new(1);
         let none = Parameterization::None;
         assert!(SurfaceMap::new(none, super::super::tests::small(4, true), &points, &mut rng).is_none());
     }

@@ -11,7 +11,8 @@ use super::failure::Failure;
 use super::files::{MESH_FORMATS, Output, check_apart, check_writable, format_parser, write_bytes};
 use super::preview::{View, ViewArgs, render};
 use super::reconstruct::RESOLUTION;
-use super::report::gate;
+use super::report::{gate, gate_open};
+use super::trim::{Part, TrimArgs};
 
 /// Arguments of `mesh`.
 #[derive(Debug, Args)]
@@ -31,6 +32,8 @@ pub struct MeshArgs {
     #[arg(long)]
     ascii: bool,
     #[command(flatten)]
+    trim: TrimArgs,
+    #[command(flatten)]
     view: ViewArgs,
 }
 
@@ -44,7 +47,7 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     }
     let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
     field.notices().iter().for_each(|notice| common.note(notice));
-    let mesh = field.mesh(args.resolution)?;
+    let Part { mesh, cut } = args.trim.part(field.mesh(args.resolution)?, field.cloud(), common)?;
     let topology = mesh.topology();
     if let Some(path) = &args.view.preview {
         let image = render(field.cloud(), &mesh, &View::from(&args.view))?;
@@ -52,5 +55,5 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     }
     output.write_mesh(&mesh)?;
     common.note(&topology.to_string());
-    gate(&topology)
+    if cut.is_some() { gate_open(&topology) } else { gate(&topology) }
 }

@@ -28,6 +28,7 @@ mod sdf;
 mod settings;
 mod suite;
 mod train;
+mod trim;
 
 use failure::Failure;
 

@@ -22,9 +22,10 @@ use super::interrupt::Interrupt;
 use super::json::{Object, list, quoted};
 use super::preview::{View, ViewArgs, render};
 use super::reading::ReadArgs;
-use super::report::{gate, passes_gate, topology_json};
+use super::report::{gate, gate_open, passes_gate, topology_json};
 use super::settings::Settings;
 use super::train::{Plan, Trained, train};
+use super::trim::TrimArgs;
 
 /// Cubes along the longest side of the grid that a mesh is taken from.
 pub const RESOLUTION: usize = 128;
@@ -83,6 +84,8 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "FILE")]
     save_field: Option<PathBuf>,
     #[command(flatten)]
+    trim: TrimArgs,
+    #[command(flatten)]
     view: ViewArgs,
     /// Print one JSON object about the run
     #[arg(long)]
@@ -130,13 +133,14 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         ));
     }
     let meshing = Instant::now();
-    let mesh = trained.field.mesh(args.resolution)?;
+    let part = args.trim.part(trained.field.mesh(args.resolution)?, trained.field.cloud(), common)?;
+    let mesh = &part.mesh;
     let mesh_seconds = meshing.elapsed().as_secs_f64();
     let topology = mesh.topology();
 
     // Everything that can fail by its content is made before anything is written.
     let preview = match &args.view.preview {
-        Some(path) => Some((path, render(trained.field.cloud(), &mesh, &View::from(&args.view))?.to_png())),
+        Some(path) => Some((path, render(trained.field.cloud(), mesh, &View::from(&args.view))?.to_png())),
         None => None,
     };
     if let Some(path) = &args.save_field {
@@ -148,7 +152,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if let Some((path, png)) = preview {
         write_bytes(path, &png)?;
     }
-    places.mesh.write_mesh(&mesh)?;
+    places.mesh.write_mesh(mesh)?;
     // Last, as the grid of the training may fail to find what that of the mesh has found.
     if let Some(files) = &places.codes {
         let none = || Err(Error::new(ErrorKind::Diverged, "the parameterization is not finite"));
@@ -175,6 +179,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .number("total", began.elapsed().as_secs_f64())
             .finish();
         let json = describe(json, &trained, &topology)
+            .raw("trim", part.json())
             .raw("seconds", seconds)
             .path("surface_points", args.surface_points.as_deref())
             .raw(
@@ -188,14 +193,14 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .path("checkpoint", args.checkpoint.as_deref());
         print(format!("{}\n", json.finish()))?;
     }
-    gate(&topology)
+    if part.cut.is_some() { gate_open(&topology) } else { gate(&topology) }
 }
 
 /// Adds what training and meshing came to.
 pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object {
     let losses = trained.last.as_ref().map_or("null".to_string(), |r| {
         let loss = Object::new().number("loss", f64::from(r.loss));
-        let terms = r.terms().into_iter();
+        let terms = r.terms.each().into_iter();
         terms.fold(loss, |json, (name, value)| json.number(name, f64::from(value))).finish()
     });
     json.count("steps", trained.steps)

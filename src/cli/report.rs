@@ -11,6 +11,18 @@ pub fn passes_gate(t: &Topology) -> bool {
     t.closed && t.oriented
 }
 
+/// The failure to return after a mesh that was trimmed is written, if its faces do not go together; it may be open.
+pub fn gate_open(t: &Topology) -> Result<(), Failure> {
+    if t.oriented && t.nonmanifold_edges == 0 {
+        return Ok(());
+    }
+    let oriented = if t.oriented { "" } else { "not " };
+    Err(Failure::Gate(format!(
+        "the trimmed mesh is {oriented}oriented and has {} non-manifold edges",
+        t.nonmanifold_edges
+    )))
+}
+
 /// The failure to return after everything is written, if the gate is not passed.
 pub fn gate(t: &Topology) -> Result<(), Failure> {
     if passes_gate(t) {
@@ -68,8 +80,11 @@ pub fn topology_text(t: &Topology) -> String {
         t.volume,
         t.area
     );
+    if t.boundary_edges > 0 {
+        let plural = if t.boundary_loops == 1 { "" } else { "s" };
+        text += &format!("            {} boundary edges in {} loop{plural}\n", t.boundary_edges, t.boundary_loops);
+    }
     for (count, what) in [
-        (t.boundary_edges, "boundary edges"),
         (t.nonmanifold_edges, "non-manifold edges"),
         (t.degenerate_faces, "degenerate faces"),
         (t.unused_verts, "unused vertices"),

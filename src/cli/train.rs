@@ -78,7 +78,9 @@ pub fn train(
     while !trainer.is_done() {
         let report = trainer.step()?;
         // Not every step trains the parameterization; showing those without its loss would flicker.
-        if report.para > 0.0 || last.is_none_or(|l: StepReport| l.para == 0.0 || l.phase != report.phase) {
+        if report.terms.para > 0.0
+            || last.is_none_or(|l: StepReport| l.terms.para == 0.0 || l.phase != report.phase)
+        {
             last = Some(report);
         }
         progress.step(&trainer, last.as_ref().unwrap_or(&report));

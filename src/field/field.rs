@@ -10,8 +10,8 @@ use super::config::MAX_OCTAVES;
 use super::{Activation, FieldConfig};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, ParamId, Params};
+use crate::random::Random;
 use crate::tensor::Tensor;
-use rand::rngs::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
 
 /// The field network: n x 3 points in the working frame to n x 1 signed distances, negative inside.
@@ -50,7 +50,7 @@ impl Field {
     /// # Panics
     /// If width or depth is 0, the skip is not a hidden layer after the first, or there are more than 32 octaves.
     #[track_caller]
-    pub fn new(config: FieldConfig, rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(config: FieldConfig, rng: &mut Random) -> Self {
         Self::build(config, false, rng)
     }
 
@@ -59,12 +59,12 @@ impl Field {
     /// # Panics
     /// As [`new`](Self::new).
     #[track_caller]
-    pub fn with_offset(config: FieldConfig, rng: &mut ChaCha8Rng) -> Self {
+    pub fn with_offset(config: FieldConfig, rng: &mut Random) -> Self {
         Self::build(config, true, rng)
     }
 
     #[track_caller]
-    fn build(config: FieldConfig, offset: bool, rng: &mut ChaCha8Rng) -> Self {
+    fn build(config: FieldConfig, offset: bool, rng: &mut Random) -> Self {
         let FieldConfig { width, depth, .. } = config;
         assert!(width > 0 && depth > 0, "field: width {width}, depth {depth}");
         assert!(config.octaves <= MAX_OCTAVES, "field: {} octaves, at most {MAX_OCTAVES}", config.octaves);
@@ -88,7 +88,7 @@ impl Field {
                 let normal = Normal::new((std::f32::consts::PI / from as f32).sqrt(), 1e-4).expect("finite");
                 let small = Normal::new(0.0, OFFSET_START).expect("finite");
                 for (i, w) in weight.data_mut().iter_mut().enumerate() {
-                    *w = if i % to == 0 { normal.sample(rng) } else { small.sample(rng) };
+                    *w = if i % to == 0 { normal.sample(rng.source()) } else { small.sample(rng.source()) };
                 }
                 bias.data_mut()[0] = -config.radius;
             } else {
@@ -98,7 +98,7 @@ impl Field {
                 for (i, row) in weight.data_mut().chunks_exact_mut(to).enumerate() {
                     let silent = (layer == 0 || Some(layer) == config.skip) && i >= first_encoded + 3;
                     row.iter_mut().for_each(|w| {
-                        let sample = normal.sample(rng);
+                        let sample = normal.sample(rng.source());
                         *w = if silent { 0.0 } else { sample };
                     });
                 }
@@ -248,14 +248,13 @@ mod tests {
     use super::*;
     use crate::ops::testing::{check, normal};
     use proptest::prelude::*;
-    use rand::SeedableRng;
 
     #[test]
     fn octaves_double_and_their_number_is_limited() {
         let config = |octaves: usize| FieldConfig { octaves, ..*small(None, 1, false, 1).config() };
         let frequencies: Vec<f32> = config(32).frequencies().collect();
         assert!((0..32).all(|o| frequencies[o] == 1.5 * (1u64 << o) as f32));
-        let refused = std::panic::catch_unwind(|| Field::new(config(33), &mut ChaCha8Rng::seed_from_u64(1)));
+        let refused = std::panic::catch_unwind(|| Field::new(config(33), &mut Random::new(1)));
         let message = refused.unwrap_err();
         assert!(message.downcast_ref::<String>().unwrap().contains("33 octaves"));
     }
@@ -264,7 +263,7 @@ mod tests {
         let activation = Activation::Softplus { beta: 4.0 };
         let config =
             FieldConfig { width: 9, depth: 3, octaves, frequency: 1.5, activation, skip, radius: 0.4 };
-        let mut field = Field::build(config, offset, &mut ChaCha8Rng::seed_from_u64(seed));
+        let mut field = Field::build(config, offset, &mut Random::new(seed));
         // Leave the geometric start, at which the waves are silent.
         for id in 0..field.params.len() {
             let id = field.layers[id / 2];
@@ -376,7 +375,7 @@ mod tests {
                 skip,
                 radius: 0.35,
             };
-            let field = Field::new(config, &mut ChaCha8Rng::seed_from_u64(1));
+            let field = Field::new(config, &mut Random::new(1));
             let x = points(200, 5);
             let length = |p: &[f32; 3]| p.iter().map(|x| x * x).sum::<f32>().sqrt();
             let off: f32 =

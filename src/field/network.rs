@@ -69,15 +69,15 @@ pub(super) struct Seeds<'a> {
 
 /// The hidden layers' weights as the products want them.
 #[derive(Default)]
-pub(super) struct Weights {
+pub(super) struct PackedWeights {
     straight: Vec<Panels>,
     transposed: Vec<Panels>,
 }
 
-impl Weights {
+impl PackedWeights {
     /// Those of a field, for values alone.
     pub(super) fn straight(field: &Field) -> Self {
-        let mut weights = Weights::default();
+        let mut weights = PackedWeights::default();
         weights.fill_straight(field);
         weights
     }
@@ -103,7 +103,7 @@ pub(super) struct Network<'a> {
     /// Its shape, biases and last layer.
     pub field: &'a Field,
     /// The weights of its hidden layers.
-    pub weights: &'a Weights,
+    pub weights: &'a PackedWeights,
 }
 
 /// What the forward half keeps of a block for the way back.

@@ -1,7 +1,7 @@
 //! The field over many vertices at once, on several threads; its memory does not grow with the vertices beyond a bound.
 
 use super::Field;
-use super::network::{Block, Network, Outputs, Scratch, Seeds, Weights};
+use super::network::{Block, Network, Outputs, PackedWeights, Scratch, Seeds};
 use crate::tensor::{Pool, Tensor, add_row_sums};
 use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
@@ -40,7 +40,7 @@ pub struct FieldPass {
     /// Parameter gradients of the blocks of a wave, all parameters in one row.
     gradients: Vec<Vec<f32>>,
     /// Of the field of the last forward pass.
-    weights: Weights,
+    weights: PackedWeights,
     scratch: Mutex<Vec<Scratch>>,
 }
 
@@ -199,8 +199,7 @@ mod tests {
     use crate::autodiff::Tape;
     use crate::field::{Activation, FieldConfig};
     use crate::ops::testing::normal;
-    use rand::SeedableRng;
-    use rand::rngs::ChaCha8Rng;
+    use crate::random::Random;
 
     fn field(activation: Activation) -> Field {
         let config = FieldConfig {
@@ -212,7 +211,7 @@ mod tests {
             skip: Some(1),
             radius: 0.4,
         };
-        Field::with_offset(config, &mut ChaCha8Rng::seed_from_u64(3))
+        Field::with_offset(config, &mut Random::new(3))
     }
 
     fn points(n: usize, seed: u64) -> Vec<[f32; 3]> {

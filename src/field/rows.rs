@@ -1,4 +1,4 @@
-//! What happens between the matrix products of the field network: passes over the rows of a block.
+//! Elementwise passes of the field network between its matrix products, over the rows (points) of a block.
 
 use crate::simd::{kernel, softplus_sigmoid};
 use std::f32::consts::FRAC_1_SQRT_2;

@@ -1,7 +1,7 @@
 //! The field at many points without gradients for its parameters.
 
 use super::Field;
-use super::network::{Block, Network, Outputs, Scratch, Weights};
+use super::network::{Block, Network, Outputs, PackedWeights, Scratch};
 use rayon::prelude::*;
 
 /// Values of a layer's output that a block has.
@@ -19,7 +19,7 @@ impl Field {
         let mut out = vec![0.0; points.len()];
         let rows = self.block_rows();
         let task = rows * BLOCKS_PER_TASK;
-        let network = Network { field: self, weights: &Weights::straight(self) };
+        let network = Network { field: self, weights: &PackedWeights::straight(self) };
         out.par_chunks_mut(task).zip(points.par_chunks(task)).for_each(|(out, points)| {
             let (mut block, mut scratch) = <(Block, Scratch)>::default();
             for (out, points) in out.chunks_mut(rows).zip(points.chunks(rows)) {
@@ -39,7 +39,7 @@ impl Field {
         let (mut sdf, mut gradient) = (vec![0.0; points.len()], vec![[0.0; 3]; points.len()]);
         let rows = self.block_rows();
         let task = rows * BLOCKS_PER_TASK;
-        let mut weights = Weights::default();
+        let mut weights = PackedWeights::default();
         weights.fill(self);
         let network = Network { field: self, weights: &weights };
         let tasks = sdf.par_chunks_mut(task).zip(gradient.par_chunks_mut(task)).zip(points.par_chunks(task));

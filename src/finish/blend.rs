@@ -1,5 +1,5 @@
-//! The surface of least bending through the points, blended into a field where both agree and the points foretell each
-//! other.
+//! The surface of least bending through the points, blended into a field where both agree and where the surface through
+//! the other points predicts each point well.
 //!
 //! On a smooth shape that surface is nearer to the truth than a network is; at edges it overshoots, and it joins sheets
 //! that lie closer together than the points. Where that happens, points are not where a plate through the others has
@@ -83,18 +83,18 @@ impl PlateBlend {
         let k = INTERPOLATED.min(self.points.len());
         let around = KdTree::new(&self.points).k_nearest(x, k);
         let at = |(x, near): (&[f32; 3], &[u32])| self.around(x, near);
-        let around: Vec<Around> = x.par_iter().zip(around.par_chunks_exact(k)).map(at).collect();
+        let around: Vec<LocalTrust> = x.par_iter().zip(around.par_chunks_exact(k)).map(at).collect();
         let rows: Vec<usize> = (0..x.len()).filter(|&i| around[i].weight > 0.0).collect();
         let near: Vec<[f32; 3]> = rows.iter().map(|&i| x[i]).collect();
         for (&i, plate) in rows.iter().zip(self.plate.value(&near)) {
-            let Around { spacing, weight } = around[i];
+            let LocalTrust { spacing, weight } = around[i];
             let weight = weight * falling((plate - values[i]).abs() / spacing, AGREE);
             values[i] += weight * (plate - values[i]);
         }
     }
 
     /// What the points `near` a place (nearest first) say there.
-    fn around(&self, x: &[f32; 3], near: &[u32]) -> Around {
+    fn around(&self, x: &[f32; 3], near: &[u32]) -> LocalTrust {
         let distance = |i: u32| dist_sq(*x, self.points[i as usize]).sqrt();
         let farthest = near.iter().map(|&i| distance(i)).fold(f32::MIN_POSITIVE, f32::max);
         let [mut sum, mut spacing, mut doubt] = [0.0f32; 3];
@@ -108,12 +108,12 @@ impl PlateBlend {
         let (spacing, doubt) = (spacing / sum, doubt / sum);
         let trust = FIELD_ERROR * FIELD_ERROR / (FIELD_ERROR * FIELD_ERROR + doubt);
         let nearest = near.iter().map(|&i| distance(i)).fold(f32::INFINITY, f32::min);
-        Around { spacing, weight: trust * falling(nearest / spacing, NEAR) }
+        LocalTrust { spacing, weight: trust * falling(nearest / spacing, NEAR) }
     }
 }
 
 /// Spacing of the points at a place, and the plate's weight there before its value is known.
-struct Around {
+struct LocalTrust {
     spacing: f32,
     weight: f32,
 }

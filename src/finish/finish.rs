@@ -1,10 +1,9 @@
-//! The last word of the points on a trained field.
+//! Corrections to a trained field so that it goes through the points.
 //!
-//! After the training the field misses the points by some hundredths of their spacing, and is bent between them as its
-//! network is, not as the points are. Two steps mend that, each where the points have something to say: what the field
-//! is off by at the points is taken out of it ([`Residual`](super::residual)), unless it is so far off that they are
-//! strays or a part that it has given up, and the surface of least bending is blended in
-//! ([`PlateBlend`](super::plate_blend)). Neither is in the paper.
+//! After the training the field misses the points by some hundredths of their spacing. Two corrections follow, neither
+//! of them in the paper: the field's values at the points are interpolated and subtracted ([`Residual`]), without those
+//! of points that are too far from its surface, and the surface of least bending is blended in where it can be trusted
+//! ([`PlateBlend`]).
 
 use super::blend::PlateBlend;
 use super::residual::Residual;
@@ -12,7 +11,7 @@ use crate::error::{Error, ErrorKind};
 use crate::start::MAX_CENTRES;
 use std::ops::RangeInclusive;
 
-/// The sizes of clouds that fields are finished for: fewer points foretell nothing, more take too much memory (some
+/// The sizes of clouds that fields are finished for: fewer points predict nothing, more take too much memory (some
 /// 130 pairs within the reach of a point of an even surface, 8 bytes each).
 pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 

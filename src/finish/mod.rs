@@ -5,4 +5,4 @@ mod blend;
 mod finish;
 mod residual;
 
-pub use finish::{FINISHED_POINTS, Finish};
+pub(crate) use finish::{FINISHED_POINTS, Finish};

@@ -2,8 +2,8 @@
 
 use crate::autodiff::{Tape, Var};
 use crate::geometry::cumulative_areas;
+use crate::random::Random;
 use rand::RngExt;
-use rand::rngs::ChaCha8Rng;
 
 /// `count` points on the faces (f x 3) of a mesh with vertices v x 3, to count x 3.
 ///
@@ -15,13 +15,7 @@ use rand::rngs::ChaCha8Rng;
 /// # Panics
 /// If there is no face, or a face names a vertex that is not there.
 #[track_caller]
-pub fn sample_faces(
-    tape: &mut Tape,
-    verts: Var,
-    faces: &[[u32; 3]],
-    count: usize,
-    rng: &mut ChaCha8Rng,
-) -> Var {
+pub fn sample_faces(tape: &mut Tape, verts: Var, faces: &[[u32; 3]], count: usize, rng: &mut Random) -> Var {
     let samples = FaceSamples::draw(&tape.value(verts).to_points(), faces, count, rng);
     samples.on(tape, verts)
 }
@@ -39,17 +33,17 @@ impl FaceSamples {
     /// # Panics
     /// If there is no face, or a face names a vertex that is not there.
     #[track_caller]
-    pub(crate) fn draw(verts: &[[f32; 3]], faces: &[[u32; 3]], count: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub(crate) fn draw(verts: &[[f32; 3]], faces: &[[u32; 3]], count: usize, rng: &mut Random) -> Self {
         assert!(!faces.is_empty(), "sample_faces: no faces");
         let ends = cumulative_areas(verts, faces);
         let total = ends[ends.len() - 1];
         let mut corners: [(Vec<u32>, Vec<f32>); 3] =
             std::array::from_fn(|_| (Vec::with_capacity(count), Vec::with_capacity(count)));
         for i in 0..count {
-            let at = (i as f64 + rng.random::<f64>()) / count as f64 * total;
+            let at = (i as f64 + rng.source().random::<f64>()) / count as f64 * total;
             let face = ends.partition_point(|&end| end < at).min(faces.len() - 1);
             // The square root makes the place uniform: a strip near the first corner is narrow.
-            let (r, u) = (rng.random::<f32>().sqrt(), rng.random::<f32>());
+            let (r, u) = (rng.source().random::<f32>().sqrt(), rng.source().random::<f32>());
             let weights = [1.0 - r, r * (1.0 - u), r * u];
             for ((index, weight), (v, w)) in corners.iter_mut().zip(faces[face].into_iter().zip(weights)) {
                 index.push(v);
@@ -71,10 +65,9 @@ mod tests {
     use crate::ops::testing::{check, normal};
     use crate::tensor::Tensor;
     use proptest::prelude::*;
-    use rand::SeedableRng;
 
-    fn rng(seed: u64) -> ChaCha8Rng {
-        ChaCha8Rng::seed_from_u64(seed)
+    fn rng(seed: u64) -> Random {
+        Random::new(seed)
     }
 
     proptest! {

@@ -1,4 +1,4 @@
-//! Shapes with a known signed distance, to try things on.
+//! Shapes with a known signed distance, for tests, demonstrations and benchmarks.
 
 use super::vec3::dot;
 use rand::rngs::ChaCha8Rng;

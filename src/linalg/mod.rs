@@ -4,4 +4,4 @@ mod cholesky;
 mod lbfgs;
 
 pub(crate) use cholesky::Symmetric;
-pub use lbfgs::{LbfgsOptions, LbfgsReport, lbfgs};
+pub(crate) use lbfgs::{LbfgsOptions, lbfgs};

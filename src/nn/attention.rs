@@ -2,7 +2,7 @@
 
 use super::{Bound, Linear, Scope};
 use crate::autodiff::{Tape, Var};
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 use std::sync::Arc;
 
 /// Which memory rows a query attends to.
@@ -39,10 +39,10 @@ pub enum Reach {
 /// use bijective_sdf::autodiff::Tape;
 /// use bijective_sdf::nn::{MultiHeadAttention, Params, Reach};
 /// use bijective_sdf::tensor::Tensor;
-/// use rand::{SeedableRng, rngs::ChaCha8Rng};
+/// use bijective_sdf::Random;
 ///
 /// let mut params = Params::new();
-/// let mut rng = ChaCha8Rng::seed_from_u64(0);
+/// let mut rng = Random::new(0);
 /// let layer = MultiHeadAttention::new(&mut params.scope("a"), 2, 2, 1, &mut rng);
 /// let identity = Tensor::from_vec(&[2, 2], vec![1.0, 0.0, 0.0, 1.0]);
 /// for name in ["query", "key", "value", "out"] {
@@ -77,7 +77,7 @@ impl MultiHeadAttention {
     /// # Panics
     /// If c is not a multiple of `heads`.
     #[track_caller]
-    pub fn new(scope: &mut Scope<'_>, c: usize, c_memory: usize, heads: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(scope: &mut Scope<'_>, c: usize, c_memory: usize, heads: usize, rng: &mut Random) -> Self {
         assert!(heads > 0 && c.is_multiple_of(heads), "attention: {c} channels in {heads} heads");
         MultiHeadAttention {
             query: Linear::new(&mut scope.scope("query"), c, c, rng),
@@ -196,7 +196,7 @@ mod tests {
     #[test]
     fn averages_stay_within_the_values_and_both_reaches_agree() {
         let mut params = crate::nn::Params::new();
-        let mut rng = rand::SeedableRng::seed_from_u64(5);
+        let mut rng = crate::random::Random::new(5);
         let layer = MultiHeadAttention::new(&mut params.scope("a"), 8, 8, 4, &mut rng);
         let all = Reach::Nearest { index: (0..7).flat_map(|_| 0..6).collect(), k: 6 };
         let mut t = Tape::new();

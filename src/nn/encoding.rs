@@ -2,8 +2,8 @@
 
 use super::init;
 use crate::autodiff::{Tape, Var};
+use crate::random::Random;
 use crate::tensor::Tensor;
-use rand::rngs::ChaCha8Rng;
 use std::f32::consts::TAU;
 use std::sync::Arc;
 
@@ -30,7 +30,7 @@ impl GaussianFourier {
     /// # Panics
     /// If c is odd.
     #[track_caller]
-    pub fn new(c_in: usize, c: usize, scale: f32, rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(c_in: usize, c: usize, scale: f32, rng: &mut Random) -> Self {
         assert!(c.is_multiple_of(2), "gaussian_fourier: {c} channels, an even number expected");
         GaussianFourier { frequencies: Arc::new(init::normal(&[c_in, c / 2], TAU * scale, rng)) }
     }
@@ -57,11 +57,10 @@ impl GaussianFourier {
 mod tests {
     use super::*;
     use crate::ops::testing::{check, normal};
-    use rand::SeedableRng;
 
     #[test]
     fn gradients_and_widths() {
-        let random = GaussianFourier::new(3, 8, 0.3, &mut ChaCha8Rng::seed_from_u64(1));
+        let random = GaussianFourier::new(3, 8, 0.3, &mut Random::new(1));
         let x = normal(&[5, 3], 2);
         check(|t, x| random.forward(t, x[0]), std::slice::from_ref(&x), 1);
         let mut t = Tape::new();

@@ -2,8 +2,8 @@
 
 use super::{Bound, ParamId, Scope, init};
 use crate::autodiff::{Tape, Var};
+use crate::random::Random;
 use crate::tensor::Tensor;
-use rand::rngs::ChaCha8Rng;
 
 /// y = x w + b.
 ///
@@ -39,7 +39,7 @@ pub struct Linear {
 impl Linear {
     /// A layer with the initial values above.
     #[track_caller]
-    pub fn new(scope: &mut Scope<'_>, c_in: usize, c_out: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(scope: &mut Scope<'_>, c_in: usize, c_out: usize, rng: &mut Random) -> Self {
         let bound = 1.0 / (c_in.max(1) as f32).sqrt();
         let weight = init::uniform(&[c_in, c_out], bound, rng);
         let bias = init::uniform(&[1, c_out], bound, rng);

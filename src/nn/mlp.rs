@@ -2,7 +2,7 @@
 
 use super::{Bound, Linear, Scope};
 use crate::autodiff::{Tape, Var};
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 
 /// An activation, element by element.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -45,10 +45,10 @@ impl Activation {
 /// use bijective_sdf::autodiff::Tape;
 /// use bijective_sdf::nn::{Activation, Mlp, Params};
 /// use bijective_sdf::tensor::Tensor;
-/// use rand::{SeedableRng, rngs::ChaCha8Rng};
+/// use bijective_sdf::Random;
 ///
 /// let mut params = Params::new();
-/// let mut rng = ChaCha8Rng::seed_from_u64(0);
+/// let mut rng = Random::new(0);
 /// let net = Mlp::new(&mut params.scope("net"), &[1, 2, 1], Activation::Relu, &mut rng);
 /// // |x| = relu(x) + relu(-x).
 /// for (name, values) in [
@@ -76,12 +76,7 @@ impl Mlp {
     /// # Panics
     /// If there are fewer than two widths.
     #[track_caller]
-    pub fn new(
-        scope: &mut Scope<'_>,
-        widths: &[usize],
-        activation: Activation,
-        rng: &mut ChaCha8Rng,
-    ) -> Self {
+    pub fn new(scope: &mut Scope<'_>, widths: &[usize], activation: Activation, rng: &mut Random) -> Self {
         assert!(widths.len() >= 2, "mlp: widths {widths:?}, at least an input and an output expected");
         let mut layers = Vec::with_capacity(widths.len() - 1);
         for (i, pair) in widths.windows(2).enumerate() {

@@ -7,10 +7,10 @@
 //! use bijective_sdf::autodiff::Tape;
 //! use bijective_sdf::nn::{Activation, Mlp, Params};
 //! use bijective_sdf::tensor::Tensor;
-//! use rand::{SeedableRng, rngs::ChaCha8Rng};
+//! use bijective_sdf::Random;
 //!
 //! let mut params = Params::new();
-//! let mut rng = ChaCha8Rng::seed_from_u64(0);
+//! let mut rng = Random::new(0);
 //! let net = Mlp::new(&mut params.scope("net"), &[3, 16, 1], Activation::Relu, &mut rng);
 //! assert_eq!(params.names().next(), Some("net.layer0.weight"));
 //!

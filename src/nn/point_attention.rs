@@ -2,7 +2,7 @@
 
 use super::{Activation, Bound, Linear, Mlp, Scope};
 use crate::autodiff::{Tape, Var};
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 use std::sync::Arc;
 
 /// The point transformer layer: f_i = sum_j softmax_j(gamma(beta(x_i) - eta(x_j) + xi_ij)) * (alpha(x_j) + xi_ij) over
@@ -33,7 +33,7 @@ pub struct PointTransformer {
 impl PointTransformer {
     /// A layer from c_in to c channels.
     #[track_caller]
-    pub fn new(scope: &mut Scope<'_>, c_in: usize, c: usize, rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(scope: &mut Scope<'_>, c_in: usize, c: usize, rng: &mut Random) -> Self {
         PointTransformer {
             alpha: Linear::new(&mut scope.scope("alpha"), c_in, c, rng),
             beta: Linear::new(&mut scope.scope("beta"), c_in, c, rng),
@@ -94,7 +94,6 @@ mod tests {
     use crate::nn::Params;
     use crate::nn::testing::Layer;
     use crate::ops::testing::normal;
-    use rand::SeedableRng;
 
     const INDEX: [u32; 15] = [0, 1, 2, 1, 0, 4, 2, 3, 1, 3, 2, 0, 4, 1, 3];
 
@@ -129,7 +128,7 @@ mod tests {
     #[test]
     fn renaming_the_points_renames_the_result() {
         let mut params = Params::new();
-        let mut rng = ChaCha8Rng::seed_from_u64(3);
+        let mut rng = Random::new(3);
         let layer = PointTransformer::new(&mut params.scope("a"), 3, 8, &mut rng);
         let mut t = Tape::new();
         let p = params.bind(&mut t, false);
@@ -154,7 +153,7 @@ mod tests {
     fn one_neighbour_takes_all_the_weight() {
         // With k = 1 the softmax is 1, so f = alpha(x_j) + delta(p_i - p_j) whatever gamma is.
         let mut params = Params::new();
-        let layer = PointTransformer::new(&mut params.scope("a"), 3, 4, &mut ChaCha8Rng::seed_from_u64(3));
+        let layer = PointTransformer::new(&mut params.scope("a"), 3, 4, &mut Random::new(3));
         let mut t = Tape::new();
         let p = params.bind(&mut t, false);
         let x = t.constant(normal(&[2, 3], 4));

@@ -4,9 +4,8 @@ use super::{Bound, Params, Scope};
 use crate::autodiff::check::{Options, gradient};
 use crate::autodiff::{Tape, Var};
 use crate::ops::testing::normal;
+use crate::random::Random;
 use crate::tensor::Tensor;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
 
 /// A layer with its parameters, named `layer. ...`, and random inputs.
 pub(crate) struct Layer<L, F> {
@@ -19,11 +18,11 @@ pub(crate) struct Layer<L, F> {
 impl<L, F: Fn(&L, &mut Tape, &Bound, &[Var]) -> Var> Layer<L, F> {
     pub(crate) fn new(
         shapes: &[[usize; 2]],
-        make: impl FnOnce(&mut Scope<'_>, &mut ChaCha8Rng) -> L,
+        make: impl FnOnce(&mut Scope<'_>, &mut Random) -> L,
         forward: F,
     ) -> Self {
         let mut params = Params::new();
-        let layer = make(&mut params.scope("layer"), &mut ChaCha8Rng::seed_from_u64(11));
+        let layer = make(&mut params.scope("layer"), &mut Random::new(11));
         // Parameters that start at 0 or 1 would hide errors.
         for (i, value) in params.values_mut().iter_mut().enumerate() {
             let noise = normal(value.dims(), 100 + i as u64);

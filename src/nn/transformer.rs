@@ -2,7 +2,7 @@
 
 use super::{Activation, Bound, LayerNorm, Mlp, MultiHeadAttention, Reach, Scope};
 use crate::autodiff::{Tape, Var};
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 
 /// x += self(norm(x)), if it is there; x += cross(norm(x), memory); x += feed(norm(x)): residual branches with the
 /// norm in front.
@@ -50,7 +50,7 @@ impl DecoderBlock {
     /// # Panics
     /// If the channels are not a multiple of the heads.
     #[track_caller]
-    pub fn new(scope: &mut Scope<'_>, sizes: DecoderSizes, rng: &mut ChaCha8Rng) -> Self {
+    pub fn new(scope: &mut Scope<'_>, sizes: DecoderSizes, rng: &mut Random) -> Self {
         let DecoderSizes { channels: c, memory, heads, hidden, self_attention } = sizes;
         let own = self_attention.then(|| {
             (

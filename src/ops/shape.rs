@@ -1,4 +1,4 @@
-//! Cutting and joining: reshape, slices and concatenations of rows and columns; stopping a gradient.
+//! Cutting and joining: reshape, slices and concatenations of rows and columns.
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::tensor::Tensor;

@@ -1,13 +1,14 @@
-//! Bridges over gaps that the points cannot tell from a joint.
+//! Bridges: points asked to be inside, so that parts of the surface which are nearer to each other than points stay
+//! joined.
 //!
 //! A thin leg or the neck of a lamp comes apart in the training where it has no point for a while, though its parts are
 //! nearer to each other than points are. Twice during the training the surface is taken from 128 cubes a side, in the
 //! working frame. Where a part is that near to the largest, or to one joined to it, points of the straight line between
 //! the two are asked to be inside from then on. Not in the paper.
 
-use super::Trainer;
 use super::result::zero_level_set;
 use crate::error::{Error, ErrorKind};
+use crate::field::Field;
 use crate::geometry::{TriangleMesh, nearest_points, spacing};
 
 /// The widest gap that is bridged, in spacings of the points at its ends.
@@ -72,6 +73,37 @@ impl Bridges {
         bridges
     }
 
+    /// Whether gaps are looked for before step `step` of the `steps` of the training, unless that was done already.
+    pub fn are_due(&self, step: usize, steps: usize) -> bool {
+        let due = LOOKS.iter().any(|share| (share * steps as f64) as usize == step && step > 0);
+        // A step that is made again after a recovery has its bridges already.
+        due && step >= self.looked
+    }
+
+    /// Looks for gaps in the surface of `field`, before step `step` of the training, and adds bridges over them. Parts
+    /// below the share `min_part` of the largest part's area are left out.
+    ///
+    /// # Errors
+    /// As [`zero_level_set`], but for a field without a surface: the step itself will say so.
+    pub fn look(
+        &mut self,
+        field: &Field,
+        cloud: &[[f32; 3]],
+        min_part: f64,
+        step: usize,
+    ) -> Result<(), Error> {
+        let mesh = match zero_level_set(&|x: &[[f32; 3]]| field.sdf(x), cloud, RESOLUTION, min_part) {
+            Ok(mesh) => mesh,
+            Err(e) if e.kind() == ErrorKind::NoSurface => return Ok(()),
+            Err(e) => return Err(e),
+        };
+        let found = Bridges::over_gaps(&mesh, cloud);
+        self.looked = step + 1;
+        self.points.extend(found.points);
+        self.depths.extend(found.depths);
+        Ok(())
+    }
+
     fn add(&mut self, gap: &Gap) {
         let [from, to] = gap.ends;
         for i in 0..POINTS {
@@ -91,35 +123,12 @@ struct Gap {
     unit: f64,
 }
 
-impl Trainer {
-    /// Looks for gaps, if it is time to, and adds bridges over them.
-    pub(super) fn look_for_gaps(&mut self) -> Result<(), Error> {
-        let (step, steps) = (self.train_step(), self.config.steps_in(super::Phase::Train));
-        let due = LOOKS.iter().any(|share| (share * steps as f64) as usize == step && step > 0);
-        // A step that is made again after a recovery has its bridges already.
-        if self.config.weights.bridge == 0.0 || !due || step < self.bridges.looked {
-            return Ok(());
-        }
-        let sdf = |x: &[[f32; 3]]| self.field.sdf(x);
-        let mesh = match zero_level_set(&sdf, &self.cloud, RESOLUTION, self.config.min_component) {
-            Ok(mesh) => mesh,
-            // The step itself will say so, if its grid sees none either.
-            Err(e) if e.kind() == ErrorKind::NoSurface => return Ok(()),
-            Err(e) => return Err(e),
-        };
-        let found = Bridges::over_gaps(&mesh, &self.cloud);
-        self.bridges.looked = step + 1;
-        self.bridges.points.extend(found.points);
-        self.bridges.depths.extend(found.depths);
-        Ok(())
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::tests::{at_training, poison, quick};
     use super::*;
     use crate::geometry::{NarrowBandOptions, Shape, TetGrid, extract, fibonacci_sphere};
+    use crate::reconstruct::Trainer;
     use proptest::prelude::*;
 
     /// Balls with centres on the x axis and radii, each a closed mesh of its own, and 40 points on each of them.
@@ -213,11 +222,11 @@ mod tests {
         let points = Shape::TwoSpheres { radius: 0.21, distance: 0.58 }.sample(250, 3).0;
         let parts = |bridges: Bridges| {
             let mut trainer = at_training(&points, &quick());
-            trainer.bridges = bridges;
+            trainer.state.bridges = bridges;
             let mut first = None;
             while !trainer.is_done() {
                 let report = trainer.step().unwrap();
-                first.get_or_insert(report.bridge);
+                first.get_or_insert(report.terms.bridge);
             }
             (trainer.finish().mesh(40).unwrap().topology().components, first.unwrap())
         };
@@ -232,22 +241,23 @@ mod tests {
     fn a_recovery_to_before_a_look_looks_again() {
         let points = Shape::TwoSpheres { radius: 0.21, distance: 0.48 }.sample(250, 3).0;
         let mut trainer = at_training(&points, &quick());
+        let train_step = |trainer: &Trainer| trainer.config().phase_at(trainer.steps_done()).1;
         let until = |trainer: &mut Trainer, step: usize| {
-            while trainer.train_step() < step {
+            while train_step(trainer) < step {
                 trainer.step().unwrap();
             }
         };
         // 0.65 of 60 steps; the band is searched for, and states are kept, at every fourth.
         let look = 39;
         until(&mut trainer, look);
-        assert_eq!(trainer.bridges, Bridges::default());
+        assert_eq!(trainer.state.bridges, Bridges::default());
         until(&mut trainer, look + 1);
-        assert_eq!((trainer.bridges.points.len(), trainer.bridges.looked), (POINTS, look + 1));
+        assert_eq!((trainer.state.bridges.points.len(), trainer.state.bridges.looked), (POINTS, look + 1));
         poison(&mut trainer, false, f32::NAN);
         let report = trainer.step().unwrap();
-        assert_eq!((report.recoveries, trainer.train_step()), (1, 37));
-        assert_eq!(trainer.bridges, Bridges::default());
+        assert_eq!((report.recoveries, train_step(&trainer)), (1, 37));
+        assert_eq!(trainer.state.bridges, Bridges::default());
         until(&mut trainer, look + 1);
-        assert_eq!((trainer.bridges.points.len(), trainer.bridges.looked), (POINTS, look + 1));
+        assert_eq!((trainer.state.bridges.points.len(), trainer.state.bridges.looked), (POINTS, look + 1));
     }
 }

@@ -1,14 +1,14 @@
-//! What the paper's figures are drawn from: points, S and grid vertices with their codes.
+//! Points, S and grid vertices with their codes: what the paper's figures are drawn from.
 
-use super::Trainer;
-use super::phases::train::{FAR, diverged};
-use crate::autodiff::Tape;
+use super::Phase;
+use super::band::ActiveBand;
+use super::phases::FAR;
+use super::phases::train::TrainStep;
+use super::setup::Setup;
+use super::state::State;
 use crate::bsp::Parameterized;
 use crate::error::Error;
-use crate::field::{FieldPass, FieldVars};
-use crate::gdo::deform;
 use crate::geometry::nearest_points;
-use crate::tensor::Tensor;
 
 /// Points of space with codes on the unit sphere, to be drawn in the colours of the codes
 /// ([`code_colour`](crate::bsp::code_colour)). Places are in the frame and unit of the input.
@@ -30,64 +30,43 @@ pub struct Coded {
     pub vert_codes: Vec<[f32; 3]>,
 }
 
-impl Trainer {
-    /// S and its codes by the present parameters, all in the working frame; `None` without a parameterization. If S is
-    /// not finite, it is as last computed, without codes.
-    pub(super) fn parameterized(&self) -> Option<Parameterized> {
-        let map = self.map.as_ref()?;
-        // With all blocks by the same parameters; a large cloud's were computed at different steps.
-        let all = map.parameterize(&self.cloud, &self.blocks);
-        // Written so that NaN is refused.
-        let near = |points: &[[f32; 3]]| points.as_flattened().iter().all(|x| x.abs() < FAR);
-        if near(&all.surface) && all.codes.as_ref().is_none_or(|codes| near(&codes.points)) {
-            return Some(all);
-        }
-        Some(Parameterized { surface: self.surface.clone(), codes: None, ..all })
+/// S and its codes by the parameters of a state, all in the working frame; `None` without a parameterization. If S is
+/// not finite, it is as last computed, without codes.
+pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<Parameterized> {
+    let map = state.map.as_ref()?;
+    // With all blocks by the same parameters; a large cloud's were computed at different steps.
+    let all = map.parameterize(&setup.cloud, &setup.blocks);
+    // Written so that NaN is refused.
+    let near = |points: &[[f32; 3]]| points.as_flattened().iter().all(|x| x.abs() < FAR);
+    if near(&all.surface) && all.codes.as_ref().is_none_or(|codes| near(&codes.points)) {
+        return Some(all);
     }
+    Some(Parameterized { surface: state.surface.clone(), codes: None, ..all })
+}
 
-    /// Points, S and the vertices of the grid with their codes, by the present parameters; `None` if there are no
-    /// codes, which only [`Parameterization::Bsp`](crate::bsp::Parameterization::Bsp) has.
-    ///
-    /// # Errors
-    /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if the field has no zero level on the grid,
-    /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if it is not finite.
-    pub fn coded(&self) -> Result<Option<Coded>, Error> {
-        rayon::scope(|_| {
-            let Some(Parameterized { points, surface, codes: Some(codes) }) = self.parameterized() else {
-                return Ok(None);
-            };
-            let [verts, moved] = self.moved_verts()?;
-            let (nearest, _) = nearest_points(&moved, &surface);
-            Ok(Some(Coded {
-                vert_codes: nearest.iter().map(|&i| codes.patches[i as usize]).collect(),
-                points: self.normalizer.inverse(&points),
-                codes: codes.points,
-                surface: self.normalizer.inverse(&surface),
-                patches: codes.patches,
-                verts: self.normalizer.inverse(&verts),
-                moved: self.normalizer.inverse(&moved),
-            }))
-        })
-    }
-
-    /// V and V' on the grid of the present stage (v x 3 each, working frame).
-    fn moved_verts(&self) -> Result<[Vec<[f32; 3]>; 2], Error> {
-        let verts = self.band_of(self.resolution_at(self.train_step()))?.verts;
-        let mut tape = Tape::new();
-        let values = FieldPass::new().forward(&self.field, &verts, tape.pool());
-        let field = FieldVars {
-            sdf: tape.constant(values.sdf),
-            gradient: tape.constant(values.gradient),
-            offset: values.offset.map(|offset| tape.constant(offset)),
-        };
-        let at = tape.constant(Tensor::from_points(&verts));
-        let moved = deform(&mut tape, self.config.deformation, at, &field);
-        let moved = tape.value(moved).to_points();
-        if moved.as_flattened().iter().all(|x| x.abs() < FAR) {
-            return Ok([verts, moved]);
-        }
-        Err(diverged("the moved vertices of the grid are not finite or far away"))
-    }
+/// Points, S and the vertices of the grid with their codes, by the parameters of a state; `None` without codes.
+pub(super) fn coded(setup: &Setup, state: &State) -> Result<Option<Coded>, Error> {
+    let Some(Parameterized { points, surface, codes: Some(codes) }) = parameterized(setup, state) else {
+        return Ok(None);
+    };
+    let step = match setup.config.phase_at(state.step) {
+        (Phase::Train, step) => step,
+        _ => 0,
+    };
+    let (cloud, rings) = (&setup.cloud, setup.config.band.rings);
+    let band = ActiveBand::find(&state.field, cloud, setup.resolution_at(step), rings)?;
+    let [verts, moved] = TrainStep::new(setup, state, &band, step).moved_verts()?;
+    let (nearest, _) = nearest_points(&moved, &surface);
+    let inverse = |points: &[[f32; 3]]| setup.normalizer.inverse(points);
+    Ok(Some(Coded {
+        vert_codes: nearest.iter().map(|&i| codes.patches[i as usize]).collect(),
+        points: inverse(&points),
+        codes: codes.points,
+        surface: inverse(&surface),
+        patches: codes.patches,
+        verts: inverse(&verts),
+        moved: inverse(&moved),
+    }))
 }
 
 #[cfg(test)]
@@ -162,11 +141,11 @@ mod tests {
     #[test]
     fn a_surface_that_is_not_finite_leaves_the_last_one_without_codes() {
         let mut trainer = at_training(&ball(50), &tiny());
-        let map = trainer.map.as_mut().unwrap();
+        let map = trainer.state.map.as_mut().unwrap();
         let last = map.params_mut().values_mut().last_mut().unwrap();
         std::sync::Arc::make_mut(last).data_mut().fill(f32::NAN);
         assert_eq!(trainer.coded().unwrap(), None);
-        let kept = trainer.surface.clone();
+        let kept = trainer.state.surface.clone();
         let result = trainer.finish();
         assert_eq!(result.surface, kept);
         assert!(result.coverage().unwrap().codes.is_none());

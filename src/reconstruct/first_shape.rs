@@ -10,97 +10,107 @@ use crate::start::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, g
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// Widths that are tried where `start.dipole_radius` is 0.
-const WIDTHS: [f32; 3] = [0.25, 0.5, 1.0];
+/// Radii of dipoles that are tried where `start.dipole_radius` is 0, in local point spacings.
+const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
 /// Points up to which the surface of least bending is looked for. It has 500 centres; the Gauss formula has more.
 const MAX_PLATE_POINTS: usize = 1024;
 
-/// The shape, in the forms that are asked for.
+/// The shape that a run begins with.
 pub(super) struct FirstShape {
     /// The shape, a closed mesh in the working frame.
     pub mesh: TriangleMesh,
     /// The field's regression to it.
     pub fit: ShapeFit,
-    /// The cloud that it was found for: without the noise of its points, if that is asked for and there is some.
-    pub cloud: Denoised,
+    /// The cloud without its noise, if that is asked for and some was found; the shape was found for it then.
+    pub denoised: Option<Denoised>,
     /// Its area.
     pub area: f64,
-    /// Its outward unit normals at the points of the cloud, n x 3.
+    /// Its outward unit normals at the working points, n x 3.
     pub normals: Vec<[f32; 3]>,
-    /// Points on it, m x 3.
-    samples: Vec<[f32; 3]>,
-    /// The point of the cloud nearest to each sample, m.
-    owners: Vec<u32>,
 }
 
-/// The samples of the shape that a block's part of S is to cover.
-pub(super) struct Around {
+impl FirstShape {
+    /// The shape for a cloud (n x 3, working frame); `None` if the field starts as a sphere, which needs none.
+    ///
+    /// # Errors
+    /// As [`gauss_shapes`].
+    pub fn find(given: &[[f32; 3]], config: &Config) -> Result<Option<Self>, Error> {
+        let (start, seed) = (config.start, config.seed);
+        if start.shape == StartShape::Sphere {
+            return Ok(None);
+        }
+        let radii = match start.dipole_radius {
+            // For large clouds no gain was measured that would be worth the time.
+            0.0 if given.len() > MAX_PLATE_POINTS => &DIPOLE_RADII[1..2],
+            0.0 => &DIPOLE_RADII[..],
+            _ => std::slice::from_ref(&start.dipole_radius),
+        };
+        let mut rough = gauss_shapes(given, radii, start.regularity, seed)?;
+        let denoised = if config.denoise && DENOISED_POINTS.contains(&given.len()) {
+            let best = best_fitting(&rough, given, seed)?;
+            denoise(given, &TriangleBvh::new(&rough[best])?.normals_near(given))
+        } else {
+            None
+        };
+        let cloud = denoised.as_ref().map_or(given, |denoised| &denoised.points);
+        let plates = match start.shape {
+            StartShape::Plate if cloud.len() <= MAX_PLATE_POINTS => plate_shapes(cloud, &rough, seed).ok(),
+            _ => None,
+        };
+        let mesh = match plates {
+            Some(mut plates) => plates.swap_remove(best_fitting(&plates, cloud, seed)?),
+            // Points that determine no surface of least bending still have the rough ones.
+            None => rough.swap_remove(best_fitting(&rough, cloud, seed)?),
+        };
+        let normals = TriangleBvh::new(&mesh)?.normals_near(cloud);
+        let (area, fit) = (mesh.topology().area, ShapeFit::new(&mesh, seed)?);
+        Ok(Some(FirstShape { mesh, fit, denoised, area, normals }))
+    }
+}
+
+/// Points on the first shape that S is to cover in its pretraining.
+pub(super) struct Samples {
+    /// m x 3, working frame.
+    points: Vec<[f32; 3]>,
+    /// The working point nearest to each, m.
+    owners: Vec<u32>,
+    /// Working points.
+    cloud_len: usize,
+}
+
+/// The samples that a block's part of S is to cover.
+pub(super) struct BlockSamples {
     /// Those nearest to a point of the context, those nearest to a centre first.
     points: Vec<[f32; 3]>,
     /// How many are nearest to a centre.
     own: usize,
 }
 
-impl FirstShape {
-    /// The shape for a cloud (n x 3, working frame), with `samples` points on it; `None` if the field starts as a
-    /// sphere, which needs none.
+impl Samples {
+    /// `count` points on a mesh, for a cloud (n x 3).
     ///
     /// # Errors
-    /// As [`gauss_shapes`].
-    pub fn find(cloud: &[[f32; 3]], config: &Config, samples: usize) -> Result<Option<Self>, Error> {
-        let (start, seed) = (config.start, config.seed);
-        if start.shape == StartShape::Sphere {
-            return Ok(None);
-        }
-        let widths = match start.dipole_radius {
-            // For large clouds no gain was measured that would be worth the time.
-            0.0 if cloud.len() > MAX_PLATE_POINTS => &WIDTHS[1..2],
-            0.0 => &WIDTHS[..],
-            _ => std::slice::from_ref(&start.dipole_radius),
-        };
-        let mut rough = gauss_shapes(cloud, widths, start.regularity, seed)?;
-        let cloud = if config.denoise && DENOISED_POINTS.contains(&cloud.len()) {
-            let best = best_fitting(&rough, cloud, seed)?;
-            denoise(cloud, &TriangleBvh::new(&rough[best])?.normals_near(cloud))
-        } else {
-            Denoised { points: cloud.to_vec(), moved: 0.0 }
-        };
-        let plates = match start.shape {
-            StartShape::Plate if cloud.points.len() <= MAX_PLATE_POINTS => {
-                plate_shapes(&cloud.points, &rough, seed).ok()
-            }
-            _ => None,
-        };
-        let mesh = match plates {
-            Some(mut plates) => plates.swap_remove(best_fitting(&plates, &cloud.points, seed)?),
-            // Points that determine no surface of least bending still have the rough ones.
-            None => rough.swap_remove(best_fitting(&rough, &cloud.points, seed)?),
-        };
-        Self::of(mesh, cloud, seed, samples).map(Some)
-    }
-
-    fn of(mesh: TriangleMesh, cloud: Denoised, seed: u64, samples: usize) -> Result<Self, Error> {
-        let area = mesh.topology().area;
-        let normals = TriangleBvh::new(&mesh)?.normals_near(&cloud.points);
-        let samples = sample_surface(&mesh, samples, seed)?.points;
-        let owners = if samples.is_empty() { Vec::new() } else { nearest_points(&samples, &cloud.points).0 };
-        Ok(FirstShape { fit: ShapeFit::new(&mesh, seed)?, mesh, cloud, area, normals, samples, owners })
+    /// As [`sample_surface`].
+    pub fn of(mesh: &TriangleMesh, cloud: &[[f32; 3]], count: usize, seed: u64) -> Result<Self, Error> {
+        let points = sample_surface(mesh, count, seed)?.points;
+        let owners = if points.is_empty() { Vec::new() } else { nearest_points(&points, cloud).0 };
+        Ok(Samples { points, owners, cloud_len: cloud.len() })
     }
 
     /// The samples around the points of a block.
-    pub fn around(&self, block: &Neighbourhood) -> Around {
-        let mut role = vec![Role::Outside; self.normals.len()];
+    pub fn around(&self, block: &Neighbourhood) -> BlockSamples {
+        let mut role = vec![Role::Outside; self.cloud_len];
         block.context().iter().for_each(|&i| role[i as usize] = Role::Context);
         block.centres().iter().for_each(|&i| role[i as usize] = Role::Centre);
         let of = |wanted: Role| {
-            let chosen = self.samples.iter().zip(&self.owners);
+            let chosen = self.points.iter().zip(&self.owners);
             chosen.filter(|(_, owner)| role[**owner as usize] == wanted).map(|(p, _)| *p).collect::<Vec<_>>()
         };
         let mut points = of(Role::Centre);
         let own = points.len();
         points.extend(of(Role::Context));
-        Around { points, own }
+        BlockSamples { points, own }
     }
 }
 
@@ -119,7 +129,7 @@ pub(super) fn shape_term(
     surface: Var,
     context: Var,
     block: &Neighbourhood,
-    around: &Around,
+    around: &BlockSamples,
     slack: Option<Arc<[f32]>>,
 ) -> Var {
     let b = block.centres().len();
@@ -150,8 +160,7 @@ mod tests {
     use super::*;
     use crate::bsp::{BspConfig, SurfaceMap};
     use crate::geometry::{Shape, fibonacci_sphere};
-    use rand::SeedableRng;
-    use rand::rngs::ChaCha8Rng;
+    use crate::random::Random;
 
     fn sphere(n: usize) -> Vec<[f32; 3]> {
         fibonacci_sphere(n).into_iter().map(|p| p.map(|x| 0.5 * x)).collect()
@@ -160,13 +169,14 @@ mod tests {
     #[test]
     fn normals_point_outward_and_samples_lie_on_the_shape() {
         let cloud = sphere(120);
-        let shape = FirstShape::find(&cloud, &Config::default(), 500).unwrap().unwrap();
+        let shape = FirstShape::find(&cloud, &Config::default()).unwrap().unwrap();
         for (p, n) in cloud.iter().zip(&shape.normals) {
             let cos: f32 = (0..3).map(|d| 2.0 * p[d] * n[d]).sum();
             assert!(cos > 0.95, "{p:?} {n:?}");
         }
-        assert_eq!(shape.samples.len(), 500);
-        for p in &shape.samples {
+        let samples = Samples::of(&shape.mesh, &cloud, 500, 0).unwrap();
+        assert_eq!(samples.points.len(), 500);
+        for p in &samples.points {
             let radius = p.iter().map(|x| x * x).sum::<f32>().sqrt();
             assert!((radius - 0.5).abs() < 0.02, "radius {radius}");
         }
@@ -176,28 +186,29 @@ mod tests {
     fn a_sphere_needs_no_shape() {
         let mut config = Config::default();
         config.start.shape = StartShape::Sphere;
-        assert!(FirstShape::find(&sphere(50), &config, 10).unwrap().is_none());
+        assert!(FirstShape::find(&sphere(50), &config).unwrap().is_none());
     }
 
     #[test]
     fn the_parts_of_a_large_cloud_share_the_samples() {
         let (cloud, _) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(200, 1);
         let config = Config::default();
-        let shape = FirstShape::find(&cloud, &config, 600).unwrap().unwrap();
+        let shape = FirstShape::find(&cloud, &config).unwrap().unwrap();
+        let samples = Samples::of(&shape.mesh, &cloud, 600, 0).unwrap();
         let bsp = BspConfig { channels: 8, heads: 2, ..config.bsp };
-        let mut rng = ChaCha8Rng::seed_from_u64(0);
+        let mut rng = Random::new(0);
         let map = SurfaceMap::new(config.parameterization, bsp, &cloud, &mut rng).unwrap();
         let blocks = map.blocks(&cloud, Some(&shape.normals), 60);
         assert!(blocks.len() > 2);
-        let around: Vec<Around> = blocks.iter().map(|b| shape.around(b)).collect();
+        let around: Vec<BlockSamples> = blocks.iter().map(|b| samples.around(b)).collect();
         // Every sample is one block's own.
         let mut own: Vec<_> = around.iter().flat_map(|a| a.points[..a.own].to_vec()).collect();
-        let mut all = shape.samples.clone();
+        let mut all = samples.points.clone();
         own.sort_by(|a, b| a.partial_cmp(b).unwrap());
         all.sort_by(|a, b| a.partial_cmp(b).unwrap());
         assert_eq!(own, all);
         assert!(around.iter().all(|a| a.own < a.points.len() && a.points.len() < 600));
-        let whole = shape.around(&map.blocks(&cloud, None, 1000)[0]);
+        let whole = samples.around(&map.blocks(&cloud, None, 1000)[0]);
         assert_eq!((whole.own, whole.points.len()), (600, 600));
     }
 }

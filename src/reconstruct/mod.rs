@@ -18,13 +18,16 @@ mod result;
 mod run;
 #[cfg(feature = "checkpoint")]
 mod save;
+mod setup;
+mod state;
 mod trainer;
 
 pub use coded::Coded;
-pub use config::{Band, Batch, Config, Finishing, Preset, Stage, Start, StartShape, Target, Weights};
+pub use config::{Band, Batch, Config, Finishing, Preset, Stage, Start, StartShape, Target};
+pub use objective::{Terms, Weights};
 pub use phases::{Phase, StepReport};
 pub use result::Reconstruction;
-pub use run::{Event, reconstruct};
+pub use run::{Event, Outcome, reconstruct, reconstruct_with};
 pub use trainer::Trainer;
 
 #[cfg(test)]

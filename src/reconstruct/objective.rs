@@ -1,22 +1,116 @@
-//! The loss of a step: which terms, on what, with which weights.
+//! The loss of a step: the table of its terms, and their weighted sum (equation 7 of the paper and what is added to
+//! it).
+//!
+//! A term is one entry of the table below: its name, which is that of its weight ([`Weights`], option `weights.NAME`)
+//! and of its value ([`Terms`]), and how it comes from a [`Scene`]. What it computes has a file of its own in
+//! [`loss`](crate::loss).
 
-use super::{Config, Target};
+use super::Target;
 use crate::autodiff::{Tape, Var};
 use crate::field::FieldVars;
 use crate::geometry::TriangleBvh;
 use crate::loss::{Direction, eikonal, inside, mean_abs, pull, surface_distance};
 
-/// What the terms are taken on.
+macro_rules! loss_terms {
+    ($($(#[$doc:meta])* $name:ident: $term:expr;)*) => {
+        /// Weights of the loss terms; a term of weight 0 is not computed. Those after the third are not in the paper.
+        #[derive(Clone, Copy, Debug, PartialEq)]
+        pub struct Weights {
+            $($(#[$doc])* pub $name: f32,)*
+            /// What the weight of L_deform has been multiplied by at the end, falling geometrically: a strong pull to S
+            /// early is meant to rid the start of surface that no point asks for, a weak one late to leave the last
+            /// word to the points. Paper 1.
+            pub deform_decay: f32,
+        }
+
+        /// The values of the loss terms in a step, before their weights; 0 where the weight is 0, and where the step
+        /// does not have the term.
+        #[derive(Clone, Copy, Debug, Default, PartialEq)]
+        pub struct Terms {
+            $($(#[$doc])* pub $name: f32,)*
+        }
+
+        /// The number of terms.
+        const COUNT: usize = [$(stringify!($name)),*].len();
+
+        impl Weights {
+            /// No term at all; to be filled in.
+            pub const NONE: Weights = Weights { $($name: 0.0,)* deform_decay: 1.0 };
+
+            /// The weights of the terms by name, in the order of the table.
+            pub fn each(&self) -> [(&'static str, f32); COUNT] {
+                [$((stringify!($name), self.$name)),*]
+            }
+        }
+
+        impl Terms {
+            /// The values of the terms by name, in the order of the table.
+            pub fn each(&self) -> [(&'static str, f32); COUNT] {
+                [$((stringify!($name), self.$name)),*]
+            }
+        }
+
+        /// Adds all terms that have a weight, in the order of the table.
+        fn add_all(weights: &Weights, sum: &mut Sum<'_>, scene: &Scene<'_>) -> Terms {
+            Terms { $($name: sum.add(weights.$name, scene, $term),)* }
+        }
+
+        /// Calls a macro with the names of all terms.
+        macro_rules! with_loss_terms {
+            ($callback:ident) => {
+                $callback! { $($name)* }
+            };
+        }
+        pub(super) use with_loss_terms;
+    };
+}
+
+loss_terms! {
+    /// L_para, the squared Chamfer distance between S and Q (equation 3), in steps that train the parameterization.
+    /// Paper 10.
+    para: |_, scene| scene.para;
+    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5). Paper 1.
+    deform: |tape, scene| Some(match scene.tree {
+        None => tape.chamfer(scene.drawn, scene.target, Direction::BOTH),
+        Some(tree) => {
+            let there = tape.chamfer(scene.drawn, scene.target, Direction::FORWARD);
+            let back = surface_distance(tape, scene.crossings, scene.faces, tree, scene.target);
+            tape.add(there, back)
+        }
+    });
+    /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
+    surf: |tape, scene| Some(mean_abs(tape, scene.field.sdf));
+    /// The mean of (|grad g| - 1)^2 on the active vertices, the cloud and bridges (Gropp et al. 2020).
+    eikonal: |tape, scene| Some(eikonal(tape, scene.gradient));
+    /// The mean squared uniform Laplacian of the extracted mesh.
+    laplacian: |tape, scene| Some(tape.laplacian(scene.crossings, scene.faces));
+    /// The mean of |g| on the cloud.
+    on_points: |tape, scene| scene.cloud_sdf.map(|sdf| mean_abs(tape, sdf));
+    /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
+    /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
+    pull: |tape, scene| Some(pull(tape, scene.verts, scene.moved, scene.target));
+    /// The mean squared distance from each point of the cloud to the extracted surface.
+    cover: |tape, scene| Some(match scene.tree {
+        None => tape.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
+        Some(tree) => surface_distance(tape, scene.crossings, scene.faces, tree, scene.cloud),
+    });
+    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack
+    /// of being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked
+    /// at on 128 cubes a side after 0.65 and 0.8 of the training.
+    bridge: |tape, scene| scene.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
+}
+
+/// The inputs of the loss terms, on the tape of a step.
 pub(super) struct Scene<'a> {
     /// Active grid vertices before the move, v x 3.
     pub verts: &'a [[f32; 3]],
-    /// Faces of the extracted surface.
+    /// Faces of the extracted surface, f x 3.
     pub faces: &'a [[u32; 3]],
     /// The field at the active vertices.
     pub field: FieldVars,
     /// grad g wherever the step evaluates it.
     pub gradient: Var,
-    /// g at the cloud, if a term asks for it.
+    /// g at the seen points of the cloud, if a term asks for it.
     pub cloud_sdf: Option<Var>,
     /// g at the bridges, and how far inside they are to be, if there are any.
     pub bridges: Option<(Var, Var)>,
@@ -28,83 +122,64 @@ pub(super) struct Scene<'a> {
     pub drawn: Var,
     /// Its faces, where distances to it are not to its vertices.
     pub tree: Option<&'a TriangleBvh>,
-    /// The seen part of the cloud Q.
+    /// The seen points of the cloud Q.
     pub cloud: Var,
-    /// The seen part of S, if there is one.
-    pub surface: Option<Var>,
+    /// What the surface is drawn to, see [`target`].
+    pub target: Var,
     /// L_para, in steps that train the parameterization.
     pub para: Option<Var>,
 }
 
-/// The values of the terms, before their weights.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub(super) struct Terms {
-    pub para: f32,
-    pub deform: f32,
-    pub surf: f32,
-    pub eikonal: f32,
-    pub laplacian: f32,
-    pub on_points: f32,
-    pub pull: f32,
-    pub cover: f32,
-    pub bridge: f32,
+/// What the extracted surface is drawn to: of S (if there is one) and the cloud Q what the options say.
+pub(super) fn target(
+    tape: &mut Tape,
+    weights: &Weights,
+    target: Target,
+    surface: Option<Var>,
+    cloud: Var,
+) -> Var {
+    match (surface, target) {
+        (None, _) => cloud,
+        (Some(surface), Target::SurfaceAndCloud) if weights.deform > 0.0 || weights.pull > 0.0 => {
+            tape.concat_rows([surface, cloud])
+        }
+        (Some(surface), _) => surface,
+    }
 }
 
-/// The weighted sum of all terms that have a weight (equation 7 of the paper and what is added to it).
+/// The weighted sum of all terms that have a weight, and their values; `None` if no term has one.
 ///
 /// `progress` is the share of the training that is done, from 0 to 1.
-pub(super) fn add_terms(tape: &mut Tape, config: &Config, progress: f32, scene: &Scene<'_>) -> (Var, Terms) {
-    let w = &config.weights;
-    let deform = w.deform * w.deform_decay.powf(progress);
-    let target = match (scene.surface, config.target) {
-        (None, _) => scene.cloud,
-        (Some(surface), Target::Surface) => surface,
-        (Some(surface), Target::SurfaceAndCloud) if w.deform > 0.0 || w.pull > 0.0 => {
-            tape.concat_rows([surface, scene.cloud])
-        }
-        (Some(surface), Target::SurfaceAndCloud) => surface,
-    };
+pub(super) fn add_terms(
+    tape: &mut Tape,
+    weights: &Weights,
+    progress: f32,
+    scene: &Scene<'_>,
+) -> (Option<Var>, Terms) {
+    let now = Weights { deform: weights.deform * weights.deform_decay.powf(progress), ..*weights };
     let mut sum = Sum { tape, loss: None };
-    let terms = Terms {
-        para: sum.add(w.para, |_| scene.para),
-        deform: sum.add(deform, |t| {
-            Some(match scene.tree {
-                None => t.chamfer(scene.drawn, target, Direction::BOTH),
-                Some(tree) => {
-                    let there = t.chamfer(scene.drawn, target, Direction::FORWARD);
-                    let back = surface_distance(t, scene.crossings, scene.faces, tree, target);
-                    t.add(there, back)
-                }
-            })
-        }),
-        surf: sum.add(w.surf, |t| Some(mean_abs(t, scene.field.sdf))),
-        eikonal: sum.add(w.eikonal, |t| Some(eikonal(t, scene.gradient))),
-        laplacian: sum.add(w.laplacian, |t| Some(t.laplacian(scene.crossings, scene.faces))),
-        on_points: sum.add(w.on_points, |t| scene.cloud_sdf.map(|sdf| mean_abs(t, sdf))),
-        pull: sum.add(w.pull, |t| Some(pull(t, scene.verts, scene.moved, target))),
-        cover: sum.add(w.cover, |t| {
-            Some(match scene.tree {
-                None => t.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
-                Some(tree) => surface_distance(t, scene.crossings, scene.faces, tree, scene.cloud),
-            })
-        }),
-        bridge: sum.add(w.bridge, |t| scene.bridges.map(|(sdf, depth)| inside(t, sdf, depth))),
-    };
-    (sum.loss.expect("validated: some term has a weight"), terms)
+    let terms = add_all(&now, &mut sum, scene);
+    (sum.loss, terms)
 }
 
+/// A sum on a tape.
 struct Sum<'a> {
     tape: &'a mut Tape,
     loss: Option<Var>,
 }
 
 impl Sum<'_> {
-    /// Adds `weight` times a term that is there, and returns its value.
-    fn add(&mut self, weight: f32, term: impl FnOnce(&mut Tape) -> Option<Var>) -> f32 {
+    /// Adds `weight` times a term, if the weight is not 0 and the scene has the term, and returns its value.
+    fn add(
+        &mut self,
+        weight: f32,
+        scene: &Scene<'_>,
+        term: impl FnOnce(&mut Tape, &Scene<'_>) -> Option<Var>,
+    ) -> f32 {
         if weight == 0.0 {
             return 0.0;
         }
-        let Some(term) = term(self.tape) else { return 0.0 };
+        let Some(term) = term(self.tape, scene) else { return 0.0 };
         let value = self.tape.value(term).item();
         let scaled = self.tape.scale(term, weight);
         self.loss = Some(match self.loss {

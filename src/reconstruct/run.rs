@@ -1,5 +1,6 @@
-//! The whole run, with a callback that can stop it.
+//! The whole run, in the order in which it happens.
 
+use super::setup::prepare;
 use super::{Config, Reconstruction, StepReport, Trainer};
 use crate::error::{Error, ErrorKind};
 use std::ops::ControlFlow;
@@ -30,41 +31,69 @@ pub enum Event<'a> {
     },
 }
 
+/// How a run ended.
+#[must_use]
+pub enum Outcome {
+    /// All steps are done.
+    Done(Box<Reconstruction>),
+    /// The observer stopped it. The trainer can go on, be saved, or give the result so far.
+    Stopped(Box<Trainer>),
+}
+
+impl Outcome {
+    /// The result, or what there is of it.
+    pub fn finish(self) -> Reconstruction {
+        match self {
+            Outcome::Done(result) => *result,
+            Outcome::Stopped(trainer) => trainer.finish(),
+        }
+    }
+}
+
 /// Reconstructs the surface that `points` (n x 3, any frame) were taken from.
 ///
-/// `on_event` sees every event and ends the run by returning [`ControlFlow::Break`]. For a run that is stopped early
-/// and still gives a result, or that is saved on its way, drive a [`Trainer`] instead.
+/// # Errors
+/// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::Diverged`] or
+/// [`ErrorKind::NoSurface`] if training failed four times.
+pub fn reconstruct(points: &[[f32; 3]], config: &Config) -> Result<Reconstruction, Error> {
+    reconstruct_with(points, config, &mut |_| ControlFlow::Continue(())).map(Outcome::finish)
+}
+
+/// [`reconstruct`] with an observer, which sees every event and ends the run by returning [`ControlFlow::Break`].
 ///
 /// # Errors
-/// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::Cancelled`] if the
-/// callback said so, [`ErrorKind::Diverged`] or [`ErrorKind::NoSurface`] if training failed four times.
-pub fn reconstruct(
+/// As [`reconstruct`], and [`ErrorKind::Cancelled`] if the observer stopped the run at [`Event::Started`], before there
+/// was anything.
+pub fn reconstruct_with(
     points: &[[f32; 3]],
     config: &Config,
-    on_event: &mut dyn FnMut(&Event<'_>) -> ControlFlow<()>,
-) -> Result<Reconstruction, Error> {
-    let tell =
-        |event: Event<'_>, on_event: &mut dyn FnMut(&Event<'_>) -> ControlFlow<()>| match on_event(&event) {
-            ControlFlow::Continue(()) => Ok(()),
-            ControlFlow::Break(()) => Err(Error::new(ErrorKind::Cancelled, "the run was cancelled")),
-        };
-    let start = super::trainer::prepare(points, config)?;
-    let event = Event::Started {
-        points: start.input.len(),
-        merged: start.merged,
-        total_steps: start.config.total_steps(),
-    };
-    tell(event, on_event)?;
-    let mut trainer = Trainer::from_prepared(start)?;
+    observer: &mut dyn FnMut(&Event<'_>) -> ControlFlow<()>,
+) -> Result<Outcome, Error> {
+    // Options are checked and adapted, duplicates merged, and the working frame is laid around the points.
+    let prepared = prepare(points, config)?;
+    let (points, total_steps) = (prepared.input.len(), prepared.config.total_steps());
+    if observer(&Event::Started { points, merged: prepared.merged, total_steps }).is_break() {
+        return Err(Error::new(ErrorKind::Cancelled, "the run was cancelled before its first step"));
+    }
+    // A large cloud is thinned, the first shape is found among the points, and the points lose their noise; field and
+    // map get their initial weights.
+    let mut trainer = Trainer::from_prepared(prepared)?;
+    // The field learns the first shape (`phases::start`), S learns to cover it (`phases::pretrain`), and both are
+    // trained together with the grid (`phases::train`).
     let mut recoveries = 0;
     while !trainer.is_done() {
         let report = trainer.step()?;
         if report.recoveries > recoveries {
             recoveries = report.recoveries;
             let reason = trainer.last_recovery().unwrap_or_default();
-            tell(Event::Recovered { step: report.step, reason }, on_event)?;
+            if observer(&Event::Recovered { step: report.step, reason }).is_break() {
+                return Ok(Outcome::Stopped(Box::new(trainer)));
+            }
         }
-        tell(Event::Step(&report), on_event)?;
+        if observer(&Event::Step(&report)).is_break() {
+            return Ok(Outcome::Stopped(Box::new(trainer)));
+        }
     }
-    Ok(trainer.finish())
+    // What the field is off by at the points is taken out of it.
+    Ok(Outcome::Done(Box::new(trainer.finish())))
 }

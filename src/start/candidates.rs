@@ -1,4 +1,4 @@
-//! Closed shapes found among the points, for the field to start as.
+//! Candidates for the first shape: closed surfaces found among the points, and which of them fits the points best.
 
 use super::{GaussField, ThinPlate, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
@@ -9,20 +9,19 @@ use rayon::prelude::*;
 
 /// Cubes along each side of the grid that the Gauss formula's surface is taken from, for up to so many points.
 const GAUSS_RESOLUTION: (usize, usize) = (48, 1024);
-/// The same for larger clouds. Sheets that are thin against the cubes come out in shreds: from a room of 2,169 points
-/// and a street of 14,623 the mean distance to the surface was 0.0075 and 0.0046 of the longest side on 48 cubes,
-/// 0.0029 and 0.0019 on 96.
+/// The same for larger clouds: sheets that are thin against the cubes come out in shreds (`benches/accuracy.md`,
+/// constants).
 const GAUSS_FINE_RESOLUTION: usize = 96;
 /// Points for which these grids, and that of the thin plate, are fine enough on a surface of usual area: they lie 2.4
-/// of the 64 cubes apart. For 300 points finer grids gained nothing (0.0616 against 0.0614 after the training).
+/// of the 64 cubes apart.
 const POINTS_SERVED: f64 = 1200.0;
 /// Cubes along each side of the lattice that a surface is searched from: what is smaller than these cubes and near no
 /// point is not wanted.
 const COARSE: usize = 16;
 /// Samples of a surface that say how far it is from the points.
 const MISFIT_SAMPLES: usize = 4096;
-/// Weight of the distance from the points to the surface beside that from the surface to the points. In a prototype
-/// that chose among the shapes of Gauss's formula 2 to 8 gave the same mean to 1 %.
+/// Weight of the distance from the points to the surface beside that from the surface to the points; 2 to 8 choose
+/// about alike.
 const MISFIT_OF_POINTS: f64 = 4.0;
 /// Parts of a first shape below this share of the largest one's area are left out.
 const MIN_PART: f64 = 0.02;
@@ -42,17 +41,17 @@ fn fine_enough(usual: usize, area: f64, n: usize) -> usize {
 /// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more, and from a finer one if it has little
 /// area for so many points ([`resolution_for_area`]).
 ///
-/// `width`, `regularity` and `seed` are those of [`GaussField::fit`].
+/// `radius`, `regularity` and `seed` are those of [`GaussField::fit`].
 ///
 /// # Errors
 /// [`NoSurface`](crate::ErrorKind::NoSurface) if the formula encloses nothing, and as [`GaussField::fit`].
 pub fn gauss_shape(
     points: &[[f32; 3]],
-    width: f32,
+    radius: f32,
     regularity: f64,
     seed: u64,
 ) -> Result<TriangleMesh, Error> {
-    let gauss = GaussField::fit(points, width, regularity, seed)?;
+    let gauss = GaussField::fit(points, radius, regularity, seed)?;
     let surface = |resolution: usize| -> Result<TriangleMesh, Error> {
         let grid = TetGrid::working_frame(resolution)?;
         let options = NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
@@ -79,27 +78,27 @@ pub fn gauss_shape(
     })
 }
 
-/// The shapes that [`gauss_shape`] finds among `points` (n x 3, working frame) with several `widths` (in local spacings
-/// of the points), in their order, without those that it fails for.
+/// The shapes that [`gauss_shape`] finds among `points` (n x 3, working frame) with several `radii` of the
+/// dipoles (in local spacings of the points), in their order, without those that it fails for.
 ///
-/// No width suits every cloud. A narrow one keeps sheets apart that lie close together, a wide one closes what sparse
+/// No radius suits every cloud. A small one keeps sheets apart that lie close together, a large one closes what sparse
 /// points leave open.
 ///
 /// # Errors
-/// As [`gauss_shape`], if that fails for every width.
+/// As [`gauss_shape`], if that fails for every radius.
 ///
 /// # Panics
-/// If there is no width.
+/// If there is no radius.
 #[track_caller]
 pub fn gauss_shapes(
     points: &[[f32; 3]],
-    widths: &[f32],
+    radii: &[f32],
     regularity: f64,
     seed: u64,
 ) -> Result<Vec<TriangleMesh>, Error> {
-    assert!(!widths.is_empty(), "gauss_shapes: no width");
-    let attempt = |&width: &f32| gauss_shape(points, width, regularity, seed);
-    those_found(widths.par_iter().map(attempt).collect())
+    assert!(!radii.is_empty(), "gauss_shapes: no radius");
+    let attempt = |&radius: &f32| gauss_shape(points, radius, regularity, seed);
+    those_found(radii.par_iter().map(attempt).collect())
 }
 
 /// What did not fail; if all did, the first error.
@@ -151,9 +150,8 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
 
 /// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the Gauss formula.
 const TRUST: (f32, f32) = (0.7, 1.2);
-/// Cubes along each side of the grid that the thin plate's surface is taken from, if the rough one is not small. With
-/// this and the 48 of the rough one for all, blades and legs came out in shreds: over eight thin shapes of 500 and
-/// 1,000 points the first shape was 0.0458 from the truth (10 x CD_L1), and is 0.0374 with both by area.
+/// Cubes along each side of the grid that the thin plate's surface is taken from, if the rough one is not small:
+/// blades and legs come out in shreds on a grid that does not depend on the area.
 const PLATE_RESOLUTION: usize = 64;
 
 /// Surfaces of least bending through `points` (n x 3, working frame), see [`ThinPlate`], where points are near; one of

@@ -1,9 +1,9 @@
-//! What the other points of a cloud say of each: a thin plate through them, with each point left out in turn.
+//! Leave-one-out forecasts: what a thin plate through all other points of a cloud predicts at each point.
 
 use super::plate::System;
 use nalgebra::{DVector, Matrix4, Vector3, Vector4};
 
-/// What all other points say of one.
+/// The prediction at a point from all others.
 #[derive(Clone, Copy, Debug)]
 pub(crate) struct Forecast {
     /// |f| at the point, f being the function that the others determine: how far it is from their surface, to first
@@ -28,7 +28,7 @@ pub(crate) fn covariances(system: &System) -> Vec<Matrix4<f64>> {
     (0..n).map(covariance).collect()
 }
 
-/// What the others say of each of n points, with these gradients (3 n, unit): leaving out the data I of a point changes
+/// The forecasts at n points, with these gradients (3 n, unit): leaving out the data I of a point changes
 /// the data d there by (B_II)^-1 (B d)_I, so no system is solved anew.
 pub(crate) fn forecasts(system: &System, covariances: &[Matrix4<f64>], gradients: &[f64]) -> Vec<Forecast> {
     let n = gradients.len() / 3;

@@ -13,12 +13,10 @@ use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
 
-/// Sources at most; larger clouds are thinned to evenly spread points, for the system costs O(n^3). More did not help:
-/// for 14,623 points of a street the mean distance to the surface was 0.0019 of the longest side from 1,500 sources
-/// and 0.0021 from 3,000, on 96 cubes.
+/// Sources at most; larger clouds are thinned to evenly spread points, for the system costs O(n^3). More do not help.
 const MAX_SOURCES: usize = 1500;
-/// Points closer than the working frame can tell apart have no spacing; a kernel is at least this wide.
-const MIN_WIDTH: f64 = 1e-6;
+/// Radius of a dipole at least (working frame): points closer than f32 can tell apart have no spacing.
+const MIN_RADIUS: f64 = 1e-6;
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
 /// Sources whose kernels are in memory at the same time while the system is built.
@@ -27,27 +25,28 @@ const SLAB: usize = 128;
 /// The indicator of a shape as a sum of dipoles at its points.
 #[derive(Clone, Debug)]
 pub struct GaussField {
-    /// x, y, z, width, mu_x, mu_y, mu_z of every source, column by column.
+    /// x, y, z, radius, mu_x, mu_y, mu_z of every source, column by column.
     sources: [Vec<f32>; 7],
+    /// chi on the guessed surface.
     level: f32,
 }
 
 impl GaussField {
     /// Solves for the dipoles of `points` (n x 3, working frame).
     ///
-    /// `width` is the radius, in local point spacings, within which a dipole is smoothed; `regularity` is alpha - 1
+    /// `radius` is that within which a dipole is smoothed, in local point spacings; `regularity` is alpha - 1
     /// above, larger is smoother and forgives noise. Points beyond 1,500 are thinned first; `seed` chooses where
     /// thinning starts.
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if the system cannot be solved, as for points that all coincide.
-    pub fn fit(points: &[[f32; 3]], width: f32, regularity: f64, seed: u64) -> Result<Self, Error> {
-        Self::fit_thinned(points, width, regularity, seed, MAX_SOURCES)
+    pub fn fit(points: &[[f32; 3]], radius: f32, regularity: f64, seed: u64) -> Result<Self, Error> {
+        Self::fit_thinned(points, radius, regularity, seed, MAX_SOURCES)
     }
 
     fn fit_thinned(
         points: &[[f32; 3]],
-        width: f32,
+        radius: f32,
         regularity: f64,
         seed: u64,
         most: usize,
@@ -62,7 +61,7 @@ impl GaussField {
         };
         let n = points.len();
         let widths: Vec<f64> =
-            spacing(points).iter().map(|s| (f64::from(width) * s).max(MIN_WIDTH)).collect();
+            spacing(points).iter().map(|s| (f64::from(radius) * s).max(MIN_RADIUS)).collect();
 
         // A is n x 3n; its columns hold the kernel of one source at all points. A A^T is summed over slabs of sources.
         let places: [Vec<f64>; 3] = std::array::from_fn(|d| points.iter().map(|p| f64::from(p[d])).collect());

@@ -9,11 +9,13 @@ mod gauss;
 mod plate;
 mod resolution;
 
-pub use candidates::{best_fitting, gauss_shape, gauss_shapes, plate_shapes};
-pub use denoise::{DENOISED_POINTS, Denoised, denoise};
-pub use fit::{ShapeFit, ShapeFitStep};
+#[cfg(test)]
+pub(crate) use candidates::gauss_shape;
+pub(crate) use candidates::{best_fitting, gauss_shapes, plate_shapes};
+pub(crate) use denoise::{DENOISED_POINTS, Denoised, denoise};
+pub(crate) use fit::ShapeFit;
 pub(crate) use forecast::{covariances, forecasts};
-pub use gauss::GaussField;
-pub use plate::ThinPlate;
+pub(crate) use gauss::GaussField;
+pub(crate) use plate::ThinPlate;
 pub(crate) use plate::{MAX_CENTRES, System, directions};
-pub use resolution::{USUAL_AREA, resolution_for_area};
+pub(crate) use resolution::{USUAL_AREA, resolution_for_area};

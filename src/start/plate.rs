@@ -34,27 +34,15 @@ pub struct ThinPlate {
 }
 
 impl ThinPlate {
-    /// The function for `points` (n x 3, working frame), with gradients of unit length whose bending is least near
-    /// the directions `normals` (n x 3, outward, need not be exact; zero is no direction).
+    /// The functions for `points` (n x 3, working frame) with gradients of unit length whose bending is least near the
+    /// directions of each of several guesses of the normals (each n x 3, outward, need not be exact; zero is no
+    /// direction), in their order: the minimum of the bending that a search ends in depends on where it starts. What
+    /// the guesses share is computed once.
     ///
     /// Points beyond 500 are thinned first; `seed` chooses where thinning starts.
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if the system cannot be solved, as for points that all coincide.
-    ///
-    /// # Panics
-    /// If there is not one normal a point.
-    #[track_caller]
-    pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], seed: u64) -> Result<Self, Error> {
-        let mut each = Self::fit_each(points, &[normals], seed)?;
-        Ok(each.pop().expect("one guess, one function"))
-    }
-
-    /// As [`fit`](Self::fit) from each of several guesses of the normals (each n x 3), in their order: the minimum of
-    /// the bending that a search ends in depends on where it starts. What the guesses share is computed once.
-    ///
-    /// # Errors
-    /// As [`fit`](Self::fit).
     ///
     /// # Panics
     /// If a guess does not have one normal a point.
@@ -301,6 +289,10 @@ mod tests {
     use crate::simd::testing::{rows, same_at_all};
     use proptest::prelude::*;
 
+    fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], seed: u64) -> Result<ThinPlate, Error> {
+        Ok(ThinPlate::fit_each(points, &[normals], seed)?.remove(0))
+    }
+
     fn sphere(n: usize, radius: f32) -> Vec<[f32; 3]> {
         fibonacci_sphere(n).into_iter().map(|p| p.map(|x| radius * x)).collect()
     }
@@ -335,7 +327,7 @@ mod tests {
     #[test]
     fn interpolates_points_and_unit_gradients() {
         let (points, normals) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(150, 3);
-        let plate = ThinPlate::fit(&points, &normals, 0).unwrap();
+        let plate = fit(&points, &normals, 0).unwrap();
         for (p, n) in points.iter().zip(&normals) {
             let (f, gradient) = naive(&plate, p.map(f64::from));
             let len = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
@@ -354,7 +346,7 @@ mod tests {
     #[test]
     fn even_points_are_missed_by_little() {
         let points = sphere(300, 0.5);
-        let plate = ThinPlate::fit(&points, &sphere(300, 1.0), 0).unwrap();
+        let plate = fit(&points, &sphere(300, 1.0), 0).unwrap();
         let worst = plate.value(&points).into_iter().fold(0.0f32, |m, f| m.max(f.abs()));
         assert!(worst < 2e-5, "{worst}");
     }
@@ -367,7 +359,7 @@ mod tests {
         let both = ThinPlate::fit_each(&points, &[&right, &turned], 0).unwrap();
         let probes = sphere(30, 0.3);
         for (plate, normals) in both.iter().zip([&right, &turned]) {
-            assert_eq!(plate.value(&probes), ThinPlate::fit(&points, normals, 0).unwrap().value(&probes));
+            assert_eq!(plate.value(&probes), fit(&points, normals, 0).unwrap().value(&probes));
         }
         assert!(both[0].value(&probes)[0] < 0.0 && both[1].value(&probes)[0] > 0.0);
     }
@@ -381,7 +373,7 @@ mod tests {
             *n = [n[1], n[2], n[0]];
         }
         normals[7] = normals[7].map(|x| -x);
-        let plate = ThinPlate::fit(&points, &normals, 0).unwrap();
+        let plate = fit(&points, &normals, 0).unwrap();
         for radius in [0.3f32, 0.4, 0.5, 0.6] {
             for f in plate.value(&sphere(50, radius)) {
                 assert!((f - (radius - 0.45)).abs() < 0.02, "{f} at radius {radius}");
@@ -442,7 +434,7 @@ mod tests {
         let plate = ThinPlate::fit_thinned(&points, &[sphere(300, 1.0)], 0, 80).unwrap().pop().unwrap();
         assert_eq!(plate.centres[0].len(), 80);
         assert!(plate.value(&[[0.0; 3]])[0] < 0.0);
-        let error = ThinPlate::fit(&[[0.25; 3]; 6], &[[0.0, 0.0, 1.0]; 6], 0).unwrap_err();
+        let error = fit(&[[0.25; 3]; 6], &[[0.0, 0.0, 1.0]; 6], 0).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Data);
     }
 }

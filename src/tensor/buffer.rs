@@ -7,10 +7,10 @@ use std::sync::{Arc, Mutex, PoisonError};
 ///
 /// Classes grow by a quarter of a power of two, so a buffer is at most a quarter larger than what was asked for.
 #[derive(Clone, Debug, Default)]
-pub struct Pool(Arc<Store>);
+pub struct Pool(Arc<FreeBuffers>);
 
 #[derive(Debug, Default)]
-struct Store {
+struct FreeBuffers {
     free: Mutex<Vec<Vec<Vec<f32>>>>,
     allocations: AtomicUsize,
 }

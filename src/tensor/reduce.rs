@@ -1,4 +1,4 @@
-//! Sums.
+//! Sums and dot products in a fixed order.
 
 use crate::simd::kernel;
 

@@ -34,7 +34,7 @@ use plan::{Measure, Plan};
 use record::Record;
 use results::Results;
 use setting::{Change, Setting, Wanted};
-use store::Store;
+use store::RunFile;
 use work::Workshop;
 
 const LONG: &str = "\
@@ -194,7 +194,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     note_builds(&plan, &records, common);
 
     make_directory(&args.out)?;
-    let store = Store::open(&runs, &held)?;
+    let store = RunFile::open(&runs, &held)?;
     let mut stopped = None;
     if !open.is_empty() {
         let interrupt = Interrupt::install(

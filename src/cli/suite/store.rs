@@ -51,14 +51,14 @@ pub fn read(path: &Path) -> Result<Held, Failure> {
 
 /// A file of runs that is written to.
 #[derive(Debug)]
-pub struct Store {
+pub struct RunFile {
     path: PathBuf,
     file: File,
 }
 
-impl Store {
+impl RunFile {
     /// Opens the file behind what [`read`] found in it; a torn line is cut off.
-    pub fn open(path: &Path, held: &Held) -> Result<Store, Failure> {
+    pub fn open(path: &Path, held: &Held) -> Result<RunFile, Failure> {
         let opened = OpenOptions::new().create(true).append(true).open(path);
         let file = opened
             .and_then(|file| {
@@ -68,7 +68,7 @@ impl Store {
                 Ok(file)
             })
             .map_err(|e| failed(path, e))?;
-        Ok(Store { path: path.to_path_buf(), file })
+        Ok(RunFile { path: path.to_path_buf(), file })
     }
 
     /// Appends a line; it is on the disk when this returns.
@@ -102,7 +102,7 @@ mod tests {
         let _ = fs::remove_file(&path);
         let held = read(&path).unwrap();
         assert_eq!((held.records.len(), held.torn), (0, 0));
-        let mut store = Store::open(&path, &held).unwrap();
+        let mut store = RunFile::open(&path, &held).unwrap();
         store.append(&line("x", 1.0)).unwrap();
         store.append(&line("y", 2.0)).unwrap();
         store.append(&line("x", 3.0)).unwrap();
@@ -118,7 +118,7 @@ mod tests {
             let lines = ends.iter().filter(|&&end| end <= cut).count();
             assert_eq!(held.records.len(), lines.min(2));
             assert_eq!(held.torn > 0, cut > 0 && !ends.contains(&cut));
-            Store::open(&path, &held).unwrap().append(&line("z", 4.0)).unwrap();
+            RunFile::open(&path, &held).unwrap().append(&line("z", 4.0)).unwrap();
             assert_eq!(read(&path).unwrap().records.len(), lines.min(2) + 1);
         }
 

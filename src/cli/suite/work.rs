@@ -25,7 +25,7 @@ use super::super::sample::{Noise, add_noise};
 use super::fingerprint;
 use super::plan::{Job, Measure};
 use super::record::{Machine, Outcome, Record, line};
-use super::store::Store;
+use super::store::RunFile;
 
 /// Added to a run's seed where the truth is sampled for its input: the comparison samples it with small seeds, and its
 /// samples must not be the input's.
@@ -115,7 +115,7 @@ type Shared = OnceLock<Result<(Truth, Option<Metrics>), String>>;
 impl Workshop<'_> {
     /// Makes the runs and keeps each as soon as it is done. Ends early with an error if one cannot be kept, and without
     /// if it is asked to. Returns what was made.
-    pub fn make(&self, open: &[&Job<'_>], store: Store) -> Result<HashMap<String, Record>, Failure> {
+    pub fn make(&self, open: &[&Job<'_>], store: RunFile) -> Result<HashMap<String, Record>, Failure> {
         let truths: HashMap<&Path, Shared> = open
             .iter()
             .filter_map(|j| j.shape.truth.as_ref())
@@ -291,7 +291,7 @@ fn message(panic: &(dyn Any + Send)) -> &str {
 
 /// Where finished runs go.
 struct Shelf {
-    store: Store,
+    store: RunFile,
     made: HashMap<String, Record>,
     /// Why no more runs can be kept.
     failure: Option<Failure>,

@@ -4,11 +4,10 @@ use super::*;
 use crate::autodiff::{At, Op, Tape};
 use crate::field::{FieldPass, FieldValues};
 use crate::ops::testing::{check, normal};
+use crate::random::Random;
 use crate::simd::testing::same_where_products_fuse;
 use crate::tensor::{Pool, Tensor};
 use proptest::prelude::*;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
 
 const ACTIVATIONS: [Activation; 2] = [Activation::Softplus { beta: 4.0 }, Activation::Relu];
 
@@ -17,7 +16,7 @@ fn config(depth: usize, skip: Option<usize>, octaves: usize, activation: Activat
 }
 
 fn field(config: FieldConfig, offset: bool, seed: u64) -> Field {
-    let mut rng = ChaCha8Rng::seed_from_u64(seed);
+    let mut rng = Random::new(seed);
     let mut field = if offset { Field::with_offset(config, &mut rng) } else { Field::new(config, &mut rng) };
     // Leave the geometric start, at which the waves are silent.
     for (i, value) in field.params_mut().values_mut().iter_mut().enumerate() {
@@ -102,7 +101,7 @@ fn a_pass_is_the_same_where_products_fuse() {
         let field = field(config, true, 5);
         let (x, seeds) = (points(n, 3), [1, 3, 3].map(|c| normal(&[n, c], c as u64)));
         same_where_products_fuse(|| {
-            let mut weights = Weights::default();
+            let mut weights = PackedWeights::default();
             weights.fill(&field);
             let network = Network { field: &field, weights: &weights };
             let (mut block, mut scratch) = (Block::default(), Scratch::default());

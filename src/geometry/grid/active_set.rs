@@ -1,4 +1,4 @@
-//! What a search of the grid asks for, and what it finds.
+//! The field function that a search of the grid evaluates, and the active vertices and tetrahedra that it finds.
 
 use super::BandTopology;
 use crate::error::Error;

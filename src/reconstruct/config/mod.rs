@@ -1,4 +1,4 @@
-//! What can be chosen. Everything is in the working frame: the cloud centred, its longest side 1.
+//! The options of a run. Lengths are in the working frame: the cloud centred, its longest side 1.
 
 mod options;
 mod preset;
@@ -13,7 +13,7 @@ use crate::error::{Error, ErrorKind};
 use crate::field::{Activation, FieldConfig, octave_factor};
 use crate::gdo::Deformation;
 use crate::optim::{Decay, Schedule};
-use crate::reconstruct::Phase;
+use crate::reconstruct::{Phase, Weights};
 
 /// The shape that the field starts as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -51,7 +51,7 @@ pub enum Finishing {
     /// Nothing.
     None,
     /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
-    /// points foretell each other ([`Finish`](crate::finish::Finish)); for clouds of 20 to a million points, others are
+    /// points foretell each other; for clouds of 20 to a million points, others are
     /// left as they are.
     Points,
 }
@@ -63,36 +63,6 @@ pub enum Target {
     Surface,
     /// S united with the cloud Q, as in the authors' code.
     SurfaceAndCloud,
-}
-
-/// Weights of the loss terms; a term of weight 0 is not computed. Those after the third are not in the paper.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Weights {
-    /// L_para, the squared Chamfer distance between S and Q (equation 3). Paper 10.
-    pub para: f32,
-    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5). Paper 1.
-    pub deform: f32,
-    /// What the weight of L_deform has been multiplied by at the end, falling geometrically: a strong pull to S early
-    /// is meant to rid the start of surface that no point asks for, a weak one late to leave the last word to the
-    /// points. Paper 1.
-    pub deform_decay: f32,
-    /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
-    pub surf: f32,
-    /// The mean of (|grad g| - 1)^2 on the active vertices, the cloud and bridges (Gropp et al. 2020).
-    pub eikonal: f32,
-    /// The mean squared uniform Laplacian of the extracted mesh.
-    pub laplacian: f32,
-    /// The mean of |g| on the cloud.
-    pub on_points: f32,
-    /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
-    /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
-    pub pull: f32,
-    /// The mean squared distance from each point of the cloud to the extracted surface.
-    pub cover: f32,
-    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack
-    /// of being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked
-    /// at on 128 cubes a side after 0.65 and 0.8 of the training.
-    pub bridge: f32,
 }
 
 /// A part of the training, at one grid resolution.
@@ -138,7 +108,7 @@ pub struct Config {
     /// Default true.
     pub scale_with_points: bool,
     /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
-    /// they do ([`denoise`](crate::start::denoise())); for clouds of 50 to 500 points with another start than a sphere.
+    /// they do; for clouds of 50 to 500 points with another start than a sphere.
     /// Default true; the paper does not.
     pub denoise: bool,
     /// The network g.
@@ -305,18 +275,8 @@ impl Config {
 
     fn validate_training(&self) -> Result<(), Error> {
         let w = &self.weights;
-        for (key, weight) in [
-            ("weights.para", w.para),
-            ("weights.deform", w.deform),
-            ("weights.surf", w.surf),
-            ("weights.eikonal", w.eikonal),
-            ("weights.laplacian", w.laplacian),
-            ("weights.on_points", w.on_points),
-            ("weights.pull", w.pull),
-            ("weights.cover", w.cover),
-            ("weights.bridge", w.bridge),
-        ] {
-            not_negative(key, f64::from(weight))?;
+        for (name, weight) in w.each() {
+            not_negative(&format!("weights.{name}"), f64::from(weight))?;
         }
         if self.stages.is_empty() {
             let advice =

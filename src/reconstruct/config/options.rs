@@ -6,6 +6,7 @@ use crate::field::Activation;
 use crate::gdo::Deformation;
 use crate::optim::Decay;
 use crate::reconstruct::config::{Config, Finishing, Stage, StartShape, Target};
+use crate::reconstruct::objective::with_loss_terms;
 
 /// A value as text that reads back to the same value.
 trait Text: Sized {
@@ -33,7 +34,7 @@ macro_rules! entries {
     };
 }
 
-const ENTRIES: &[Entry] = entries! {
+const FIRST: &[Entry] = entries! {
     "seed" => seed;
     "scale_with_points" => scale_with_points;
     "denoise" => denoise;
@@ -66,16 +67,26 @@ const ENTRIES: &[Entry] = entries! {
     "start.rate" => start.rate;
     "target" => target;
     "deformation" => deformation;
-    "weights.para" => weights.para;
-    "weights.deform" => weights.deform;
+};
+
+/// `weights.NAME` for every term of the loss.
+macro_rules! weight_entries {
+    ($($name:ident)*) => {
+        &[$(Entry {
+            key: concat!("weights.", stringify!($name)),
+            get: |c| c.weights.$name.write(),
+            set: |c, text| {
+                c.weights.$name = Text::read(text)?;
+                Ok(())
+            },
+        }),*]
+    };
+}
+
+const WEIGHTS: &[Entry] = with_loss_terms!(weight_entries);
+
+const REST: &[Entry] = entries! {
     "weights.deform_decay" => weights.deform_decay;
-    "weights.surf" => weights.surf;
-    "weights.eikonal" => weights.eikonal;
-    "weights.laplacian" => weights.laplacian;
-    "weights.on_points" => weights.on_points;
-    "weights.pull" => weights.pull;
-    "weights.cover" => weights.cover;
-    "weights.bridge" => weights.bridge;
     "stages" => stages;
     "reference_area" => reference_area;
     "band.refresh" => band.refresh;
@@ -104,6 +115,11 @@ pub(in crate::reconstruct) const RENAMED: &[(&str, &str)] = &[
     ("weights.points", "weights.on_points"),
 ];
 
+/// All options, in the order in which they are written.
+fn all() -> impl Iterator<Item = &'static Entry> {
+    FIRST.iter().chain(WEIGHTS).chain(REST)
+}
+
 impl Config {
     /// Changes the option of a dotted name, such as `field.width` to `64` or `stages` to `32:200,64:100`.
     ///
@@ -112,7 +128,7 @@ impl Config {
     /// # Errors
     /// [`ErrorKind::Config`] if there is no such option or the text is no value of it; nothing has changed then.
     pub fn set(&mut self, key: &str, value: &str) -> Result<(), Error> {
-        let Some(entry) = ENTRIES.iter().find(|e| e.key == key) else {
+        let Some(entry) = all().find(|e| e.key == key) else {
             return Err(unknown(key));
         };
         (entry.set)(self, value.trim()).map_err(|expected| {
@@ -124,7 +140,7 @@ impl Config {
 
     /// All options with their present values; [`set`](Self::set) reads each back to the same value.
     pub fn entries(&self) -> Vec<(&'static str, String)> {
-        ENTRIES.iter().map(|e| (e.key, (e.get)(self))).collect()
+        all().map(|e| (e.key, (e.get)(self))).collect()
     }
 }
 
@@ -142,7 +158,7 @@ fn unknown(key: &str) -> Error {
 
 /// The key that takes the fewest changed letters, if those are few.
 fn nearest_key(key: &str) -> Option<&'static str> {
-    let (changes, near) = ENTRIES.iter().map(|e| (edit_distance(key, e.key), e.key)).min()?;
+    let (changes, near) = all().map(|e| (edit_distance(key, e.key), e.key)).min()?;
     (changes <= 3).then_some(near)
 }
 
@@ -326,10 +342,10 @@ mod tests {
     #[test]
     fn keys_are_unique_and_every_one_changes_something() {
         let (a, b) = (Config::preset(Preset::Paper), Config::preset(Preset::Default));
-        let mut keys: Vec<_> = ENTRIES.iter().map(|e| e.key).collect();
+        let mut keys: Vec<_> = all().map(|e| e.key).collect();
         keys.sort_unstable();
         keys.dedup();
-        assert_eq!(keys.len(), ENTRIES.len());
+        assert_eq!(keys.len(), all().count());
         for (key, value) in a.entries() {
             let mut changed = b.clone();
             changed.set(key, &value).unwrap();

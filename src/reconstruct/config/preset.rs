@@ -108,7 +108,7 @@ fn paper() -> Config {
         bsp_every: 1,
         start: Start { shape: StartShape::Sphere, ..default().start },
         target: Target::Surface,
-        weights: Weights { para: 10.0, deform: 1.0, surf: 0.01, ..NO_WEIGHTS },
+        weights: Weights { para: 10.0, deform: 1.0, surf: 0.01, ..Weights::NONE },
         stages: vec![Stage { resolution: 24, steps: 300 }],
         reference_area: 0.0,
         field_rate: Schedule { base: 5e-4, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
@@ -180,13 +180,12 @@ fn default() -> Config {
             para: 10.0,
             deform: 0.5,
             deform_decay: 0.04,
-            surf: 0.0,
             eikonal: 0.001,
             laplacian: 0.01,
             on_points: 0.02,
-            pull: 0.0,
             cover: 1.0,
             bridge: 0.01,
+            ..Weights::NONE
         },
         stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 200 }],
         reference_area: USUAL_AREA,
@@ -208,19 +207,6 @@ fn fine() -> Config {
         ..default()
     }
 }
-
-const NO_WEIGHTS: Weights = Weights {
-    para: 0.0,
-    deform: 0.0,
-    deform_decay: 1.0,
-    surf: 0.0,
-    eikonal: 0.0,
-    laplacian: 0.0,
-    on_points: 0.0,
-    pull: 0.0,
-    cover: 0.0,
-    bridge: 0.0,
-};
 
 #[cfg(test)]
 mod tests {

@@ -1,4 +1,4 @@
-//! What the number of points changes in the options.
+//! Options adapted to the number of points.
 
 use crate::field::octave_factor;
 use crate::reconstruct::Config;

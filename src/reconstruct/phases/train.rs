@@ -1,188 +1,196 @@
-//! One iteration of training, from the band to the updated parameters.
+//! The third phase, the training proper: the field g moves the active vertices V of the grid to V' (equation 4),
+//! marching tetrahedra take the surface from them, and the loss draws it to S and Q (equation 7).
 
+use super::pretrain::{forward_map, para_term};
+use super::{ParamGradients, StepReport, Update, Workspace, check_gradients, check_near, diverged};
 use crate::autodiff::{Tape, Var};
-use crate::bsp::{Neighbourhood, SurfaceMap};
+use crate::bsp::SurfaceMap;
 use crate::error::{Error, ErrorKind};
-use crate::field::{FieldValues, FieldVars};
+use crate::field::{FieldPass, FieldValues, FieldVars};
 use crate::gdo::{FaceSamples, deform};
-use crate::geometry::TriangleBvh;
-use crate::loss::Direction;
+use crate::geometry::{Isosurface, TetGrid, TriangleBvh};
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
-use crate::reconstruct::band::Workspace;
-use crate::reconstruct::objective::{Scene, Terms, add_terms};
-use crate::reconstruct::{Config, Phase, Trainer};
+use crate::random::Random;
+use crate::reconstruct::Phase;
+use crate::reconstruct::band::ActiveBand;
+use crate::reconstruct::objective::{Scene, Terms, add_terms, target};
+use crate::reconstruct::setup::Setup;
+use crate::reconstruct::state::{State, fresh_adam};
 use crate::tensor::Tensor;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
-use std::sync::Arc;
+use std::ops::Range;
 
-/// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0, and where
-/// the phase does not have them.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-#[non_exhaustive]
-pub struct StepReport {
-    /// The step, from 0, counted through all phases.
-    pub step: usize,
-    /// Steps of all phases.
-    pub total: usize,
-    /// What the step was for.
-    pub phase: Phase,
-    /// Cubes along each side of the grid; 0 before the training proper.
-    pub resolution: usize,
-    /// What the step made smaller: the weighted sum of all terms in the training proper, L_para in the pretraining,
-    /// and the mean difference between the field and the distance to its first shape (with a small multiple of that
-    /// of their gradients) in the start.
-    pub loss: f32,
-    /// L_para; 0 in steps that do not train the parameterization.
-    pub para: f32,
-    /// L_deform.
-    pub deform: f32,
-    /// L_surf.
-    pub surf: f32,
-    /// The eikonal term.
-    pub eikonal: f32,
-    /// The Laplacian of the mesh.
-    pub laplacian: f32,
-    /// The mean of |g| on the cloud.
-    pub on_points: f32,
-    /// The pull of moved vertices to the target.
-    pub pull: f32,
-    /// The squared distance from the cloud to the surface.
-    pub cover: f32,
-    /// What bridges over gaps lack of being inside.
-    pub bridge: f32,
-    /// Learning rate of the field; 0 in steps of the pretraining.
-    pub field_rate: f32,
-    /// Learning rate of the parameterization, in steps that train it; 0 in steps of the start.
-    pub bsp_rate: f32,
-    /// Length of the gradient, before it was clipped: that of the parameterization in the pretraining, otherwise that
-    /// of the field.
-    pub gradient_norm: f64,
-    /// Grid vertices that the step worked on.
-    pub active_verts: usize,
-    /// Vertices of the extracted surface.
-    pub surface_verts: usize,
-    /// Recoveries so far.
-    pub recoveries: usize,
-}
-
-impl StepReport {
-    /// The terms of the loss by name, before their weights; 0 where the weight is 0.
-    pub fn terms(&self) -> [(&'static str, f32); 9] {
-        [
-            ("para", self.para),
-            ("deform", self.deform),
-            ("cover", self.cover),
-            ("on_points", self.on_points),
-            ("laplacian", self.laplacian),
-            ("eikonal", self.eikonal),
-            ("surf", self.surf),
-            ("pull", self.pull),
-            ("bridge", self.bridge),
-        ]
+/// What comes before the first step of the training; doing it again changes nothing.
+///
+/// # Errors
+/// [`ErrorKind::Diverged`] if S is not finite.
+pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<(), Error> {
+    // The moments of the regression say nothing about the losses to come.
+    state.field_adam = fresh_adam(state.field.params());
+    if let Some(map) = &state.map {
+        let surface = map.surface(&setup.cloud, &setup.blocks);
+        check_near("the parameterized surface", surface.as_flattened())?;
+        state.surface = surface;
     }
+    Ok(())
 }
 
-/// What of the cloud a step sees.
-pub(in crate::reconstruct) struct View {
-    /// Indices in the cloud (q).
+/// Where the regression left most points outside, as it may for a blade that is thin against what the network can
+/// learn in its steps, moves the field's level, so that the middle one of the points is half a cube of the grid inside.
+/// Returns whether it did; done once, it is not done again.
+///
+/// # Errors
+/// As [`TetGrid::working_frame`].
+pub(in crate::reconstruct) fn lower_to_points(setup: &Setup, state: &mut State) -> Result<bool, Error> {
+    let mut values = state.field.sdf(&setup.cloud);
+    values.sort_by(f32::total_cmp);
+    let middle = values[values.len() / 2];
+    let cube = TetGrid::working_frame(setup.resolution_at(0))?.spacing();
+    let outside = setup.shape.is_some() && middle > -0.25 * cube;
+    if outside {
+        state.field.lower(middle + 0.5 * cube);
+    }
+    Ok(outside)
+}
+
+/// Step `step` of the training, which is that of the state, on the active part of the grid. `searched` says whether
+/// that was searched for just now: then the state is kept, for it is known to have a surface, a finite loss and finite
+/// gradients.
+///
+/// # Errors
+/// [`ErrorKind::Diverged`] if something is not finite or far away, [`ErrorKind::NoSurface`] if the surface is gone.
+pub(in crate::reconstruct) fn step(
+    at: &TrainStep<'_>,
+    work: &mut Workspace,
+    searched: bool,
+    rate_factor: f32,
+) -> Result<Update, Error> {
+    let seen = at.seen();
+    let sampled = at.sample_field(&seen, work)?;
+    at.march(&sampled, &mut work.iso)?;
+    let recorded = at.record(&sampled, &seen, work)?;
+    let (mut field, map) = at.pull_back(&recorded, &sampled, work);
+    let config = &at.setup.config;
+    let gradient_norm = match config.clip {
+        0.0 => gradient_norm(&field),
+        most => clip_norm(&mut field, most),
+    };
+    let loss = work.tape.value(recorded.loss).item();
+    if !loss.is_finite() {
+        return Err(diverged("the loss is not finite"));
+    }
+    check_gradients("the field", &field)?;
+    if let Some(gradients) = &map {
+        check_gradients("the parameterization", gradients)?;
+    }
+    Ok(Update {
+        report: StepReport {
+            resolution: at.band.resolution,
+            loss,
+            terms: recorded.terms,
+            field_rate: rate_factor * config.field_rate.rate_at(at.step, at.steps),
+            bsp_rate: rate_factor * config.bsp_rate.rate_at(at.step, at.steps),
+            gradient_norm,
+            active_verts: at.band.verts.len(),
+            surface_verts: work.iso.edges.len(),
+            ..StepReport::default()
+        },
+        field: Some(field),
+        map,
+        part_of_s: recorded.surface.zip(seen.block).map(|(s, block)| (block, work.tape.value(s).to_points())),
+        keep: searched,
+    })
+}
+
+/// A step of the training before anything is computed.
+#[derive(Clone, Copy)]
+pub(in crate::reconstruct) struct TrainStep<'a> {
+    pub setup: &'a Setup,
+    pub state: &'a State,
+    pub band: &'a ActiveBand,
+    /// The number of the step within the training.
+    pub step: usize,
+    /// Steps of the training.
+    pub steps: usize,
+}
+
+/// The part of the cloud that a step sees.
+pub(in crate::reconstruct) struct Seen {
+    /// Indices of the working points, q.
     pub rows: Vec<u32>,
-    /// Their points, working frame.
+    /// The points, q x 3, working frame.
     pub points: Vec<[f32; 3]>,
-    /// The block whose patches are trained.
+    /// The block whose patches are trained, in steps that train the parameterization.
     pub block: Option<usize>,
 }
 
-/// The field as a step sees it.
+/// The field where a step looks at it.
 pub(in crate::reconstruct) struct Sampled {
-    /// At the active vertices, then at the seen points of the cloud if a term asks for them, then at the bridges.
+    /// At all rows.
     pub values: FieldValues,
-    /// Rows before those of the bridges.
-    without_bridges: usize,
-    /// Rows that were raised on the border.
+    /// Which rows are what.
+    rows: Rows,
+    /// Rows of vertices whose value was raised on the border.
     raised: Vec<u32>,
+}
+
+/// The rows of a step's field values: vertices, then points of the cloud, then bridges.
+struct Rows {
+    /// The active vertices.
+    verts: Range<usize>,
+    /// The seen points of the cloud; empty if no term asks for them.
+    points: Range<usize>,
+    /// The points of bridges.
+    bridges: Range<usize>,
 }
 
 /// A step on the tape.
 pub(in crate::reconstruct) struct Recorded {
     pub loss: Var,
+    /// The field's values, which the gradients of the loss are taken at.
     field: FieldVars,
+    /// The parameters of the parameterization, in steps that train it.
     map: Option<Bound>,
+    /// The trained block's part of S.
     surface: Option<Var>,
     pub terms: Terms,
 }
 
-/// Gradients of the field and of the map, parameter by parameter.
-pub(in crate::reconstruct) struct Pulled {
-    pub field: Vec<Option<Tensor>>,
-    pub map: Option<Vec<Option<Tensor>>>,
-}
-
-/// Coordinates beyond this mean that training has left the neighbourhood of the cloud for good.
-pub(in crate::reconstruct) const FAR: f32 = 1e6;
-
-impl Trainer {
-    /// One iteration of the training proper. On an error the parameters are as before it; what it worked with is not.
-    pub(in crate::reconstruct) fn try_step(&mut self) -> Result<StepReport, Error> {
-        self.look_for_gaps()?;
-        let refreshed = self.refresh_band()?;
-        let view = self.view();
-        let sampled = self.sample_field(&view)?;
-        self.march(&sampled)?;
-        let recorded = self.record(&sampled, &view)?;
-        let mut pulled = self.pull_back(&recorded, &sampled);
-        let mut report = self.report(&recorded);
-        report.gradient_norm = match self.config.clip {
-            0.0 => gradient_norm(&pulled.field),
-            most => clip_norm(&mut pulled.field, most),
-        };
-        if !report.loss.is_finite() {
-            return Err(diverged("the loss is not finite"));
-        }
-        check_gradients("the field", &pulled.field)?;
-        if let Some(gradients) = &pulled.map {
-            check_gradients("the parameterization", gradients)?;
-        }
-        if refreshed {
-            // This state is known to have a surface, a finite loss and finite gradients.
-            self.good = self.snapshot();
-        }
-        self.keep_surface(&recorded, &view);
-        self.update(&pulled, &report);
-        self.step += 1;
-        Ok(report)
+impl<'a> TrainStep<'a> {
+    /// The step that a state is at.
+    pub fn new(setup: &'a Setup, state: &'a State, band: &'a ActiveBand, step: usize) -> Self {
+        TrainStep { setup, state, band, step, steps: setup.config.steps_in(Phase::Train) }
     }
 
-    /// Chooses the points of the cloud and the patches that this step sees.
-    pub(in crate::reconstruct) fn view(&self) -> View {
-        let n = self.cloud.len();
-        let step = self.train_step();
-        let size = self.config.batch.points;
+    /// Chooses the points of the cloud and the block that this step sees.
+    pub fn seen(&self) -> Seen {
+        let Setup { config, cloud, order, blocks, .. } = self.setup;
+        let (n, step, size) = (cloud.len(), self.step, config.batch.points);
         let rows: Vec<u32> = if n <= size {
             (0..n as u32).collect()
         } else {
-            (0..size).map(|i| self.order[(step * size + i) % n]).collect()
+            (0..size).map(|i| order[(step * size + i) % n]).collect()
         };
-        let every = self.config.bsp_every;
-        let learns = self.map.as_ref().is_some_and(|map| !map.params().is_empty());
+        let every = config.bsp_every;
+        let learns = self.state.map.as_ref().is_some_and(|map| !map.params().is_empty());
         let trains = learns && every > 0 && step.is_multiple_of(every);
-        let block = trains.then(|| step / every % self.blocks.len());
-        View { points: rows.iter().map(|&i| self.cloud[i as usize]).collect(), rows, block }
+        let block = trains.then(|| step / every % blocks.len());
+        Seen { points: rows.iter().map(|&i| cloud[i as usize]).collect(), rows, block }
     }
 
     /// Evaluates the field where this step looks at it.
-    pub(in crate::reconstruct) fn sample_field(&mut self, view: &View) -> Result<Sampled, Error> {
-        let Workspace { tape, pass, band, .. } = &mut self.work;
-        let band = band.as_ref().expect("refreshed first");
-        tape.clear();
-        let mut verts = band.verts.clone();
-        if self.config.weights.on_points > 0.0 || self.config.weights.eikonal > 0.0 {
-            verts.extend_from_slice(&view.points);
+    pub fn sample_field(&self, seen: &Seen, work: &mut Workspace) -> Result<Sampled, Error> {
+        let (band, weights) = (self.band, &self.setup.config.weights);
+        work.tape.clear();
+        let mut places = band.verts.clone();
+        let verts = 0..places.len();
+        if weights.on_points > 0.0 || weights.eikonal > 0.0 {
+            places.extend_from_slice(&seen.points);
         }
-        let without_bridges = verts.len();
-        verts.extend_from_slice(&self.bridges.points);
-        let mut values = pass.forward(&self.field, &verts, tape.pool());
+        let points = verts.end..places.len();
+        places.extend_from_slice(&self.state.bridges.points);
+        let rows = Rows { verts, bridges: points.end..places.len(), points };
+        let mut values = work.pass.forward(&self.state.field, &places, work.tape.pool());
         let finite = values.sdf.is_finite() && values.gradient.is_finite();
         if !finite || values.offset.as_ref().is_some_and(|o| !o.is_finite()) {
             return Err(diverged("the field is not finite"));
@@ -193,49 +201,53 @@ impl Trainer {
         for &i in &raised {
             sdf[i as usize] = band.outside;
         }
-        Ok(Sampled { values, without_bridges, raised })
+        Ok(Sampled { values, rows, raised })
+    }
+
+    /// Finds which edges of the band the surface crosses.
+    pub fn march(&self, sampled: &Sampled, iso: &mut Isosurface) -> Result<(), Error> {
+        let sdf = &sampled.values.sdf.data()[sampled.rows.verts.clone()];
+        let inside: Vec<bool> = sdf.iter().map(|&s| s < 0.0).collect();
+        self.band.topology.march_into(&inside, iso);
+        if iso.faces.is_empty() {
+            return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
+        }
+        Ok(())
     }
 
     /// Puts the step on the tape: moved vertices, surface, target, and the loss.
-    pub(in crate::reconstruct) fn record(
-        &mut self,
-        sampled: &Sampled,
-        view: &View,
-    ) -> Result<Recorded, Error> {
-        let step = self.train_step();
-        let progress = step as f32 / self.config.steps_in(Phase::Train).max(1) as f32;
+    pub fn record(&self, sampled: &Sampled, seen: &Seen, work: &mut Workspace) -> Result<Recorded, Error> {
+        let Setup { config, cloud, blocks, .. } = self.setup;
+        let (state, band, rows) = (self.state, self.band, &sampled.rows);
+        let progress = self.step as f32 / self.steps.max(1) as f32;
         let Workspace {
             tape,
-            band,
             iso,
             tree,
             #[cfg(test)]
             held_samples,
             ..
-        } = &mut self.work;
-        let band = band.as_ref().expect("refreshed first");
-        let v = band.verts.len();
+        } = work;
         tape.clear();
         let all = FieldVars {
             sdf: tape.input(sampled.values.sdf.clone()),
             gradient: tape.input(sampled.values.gradient.clone()),
             offset: sampled.values.offset.clone().map(|o| tape.input(o)),
         };
-        let (seen, rows) = (sampled.without_bridges, tape.value(all.sdf).rows());
         let at_verts = FieldVars {
-            sdf: tape.slice_rows(all.sdf, 0..v),
-            gradient: tape.slice_rows(all.gradient, 0..v),
-            offset: all.offset.map(|o| tape.slice_rows(o, 0..v)),
+            sdf: tape.slice_rows(all.sdf, rows.verts.clone()),
+            gradient: tape.slice_rows(all.gradient, rows.verts.clone()),
+            offset: all.offset.map(|o| tape.slice_rows(o, rows.verts.clone())),
         };
         let verts = tape.constant(Tensor::from_points(&band.verts));
-        let moved = deform(tape, self.config.deformation, verts, &at_verts);
+        let moved = deform(tape, config.deformation, verts, &at_verts);
         let crossings = tape.edge_crossing(moved, at_verts.sdf, &iso.edges[..]);
         check_near("the extracted surface", tape.value(crossings).data())?;
-        let (drawn, tree) = match self.config.surface_samples {
+        let (drawn, tree) = match config.surface_samples {
             0 => (crossings, None),
             count => {
-                let mut rng = ChaCha8Rng::seed_from_u64(self.config.seed);
-                rng.set_stream(step as u64 + 1);
+                let mut rng = Random::new(config.seed);
+                rng.set_stream(self.step as u64 + 1);
                 let at = tape.value(crossings).data().as_chunks().0;
                 let samples = FaceSamples::draw(at, &iso.faces, count, &mut rng);
                 #[cfg(test)]
@@ -249,52 +261,58 @@ impl Trainer {
                 (drawn, Some(&*tree))
             }
         };
-        let cloud = tape.constant(Tensor::from_points(&view.points));
+        let q = tape.constant(Tensor::from_points(&seen.points));
 
-        let mut bound = None;
-        let mut live = None;
-        let mut para = None;
-        if let (Some(map), Some(block)) = (&self.map, view.block) {
-            let block = &self.blocks[block];
+        let (mut bound, mut live, mut para) = (None, None, None);
+        if let (Some(map), Some(block)) = (&state.map, seen.block) {
+            let block = &blocks[block];
             let p = map.params().bind(tape, true);
-            let (surface, context) = forward_map(tape, map, &p, &self.cloud, block)?;
-            if self.config.weights.para > 0.0 {
-                let slack = map.slack(block, self.cloud.len());
+            let (surface, context) = forward_map(tape, map, &p, cloud, block)?;
+            if config.weights.para > 0.0 {
+                let slack = map.slack(block, cloud.len());
                 para = Some(para_term(tape, surface, context, block, slack));
             }
             (bound, live) = (Some(p), Some(surface));
         }
-        let target = self
-            .map
-            .as_ref()
-            .map(|map| surface_target(tape, map, live, &self.surface, self.blocks.len(), view));
+        let surface =
+            state.map.as_ref().map(|map| seen_surface(tape, map, live, &state.surface, blocks.len(), seen));
 
+        let on_points = config.weights.on_points > 0.0 && !rows.points.is_empty();
+        let cloud_sdf = on_points.then(|| tape.slice_rows(all.sdf, rows.points.clone()));
+        let bridges = (!rows.bridges.is_empty()).then(|| {
+            let depths = Tensor::from_vec(&[rows.bridges.len(), 1], state.bridges.depths.clone());
+            (tape.slice_rows(all.sdf, rows.bridges.clone()), tape.constant(depths))
+        });
         let scene = Scene {
             verts: &band.verts,
             faces: &iso.faces,
             field: at_verts,
-            cloud_sdf: (seen > v && self.config.weights.on_points > 0.0)
-                .then(|| tape.slice_rows(all.sdf, v..seen)),
-            bridges: (rows > seen).then(|| {
-                let depths = Tensor::from_vec(&[rows - seen, 1], self.bridges.depths.clone());
-                (tape.slice_rows(all.sdf, seen..rows), tape.constant(depths))
-            }),
+            cloud_sdf,
+            bridges,
             gradient: all.gradient,
             moved,
             crossings,
             drawn,
             tree,
-            cloud,
-            surface: target,
+            cloud: q,
+            target: target(tape, &config.weights, config.target, surface, q),
             para,
         };
-        let (loss, terms) = add_terms(tape, &self.config, progress, &scene);
-        Ok(Recorded { loss, field: all, map: bound, surface: live, terms })
+        let (loss, terms) = add_terms(tape, &config.weights, progress, &scene);
+        let none =
+            || Error::new(ErrorKind::Config, "no term of the loss has a weight").at_element("option weights");
+        Ok(Recorded { loss: loss.ok_or_else(none)?, field: all, map: bound, surface: live, terms })
     }
 
-    /// The gradients of all parameters: through the tape to the field's values, and chunk by chunk through the field.
-    pub(in crate::reconstruct) fn pull_back(&mut self, recorded: &Recorded, sampled: &Sampled) -> Pulled {
-        let Workspace { tape, pass, .. } = &mut self.work;
+    /// The gradients of the field's and, if the step trains it, the map's parameters: through the tape to the field's
+    /// values, and block by block through the field.
+    pub fn pull_back(
+        &self,
+        recorded: &Recorded,
+        sampled: &Sampled,
+        work: &mut Workspace,
+    ) -> (ParamGradients, Option<ParamGradients>) {
+        let Workspace { tape, pass, .. } = work;
         let mut gradients = tape.backward(recorded.loss);
         let mut take =
             |var: Var, like: &Tensor| gradients.take(var).unwrap_or_else(|| Tensor::zeros(like.dims()));
@@ -308,112 +326,44 @@ impl Trainer {
         for &i in &sampled.raised {
             d.sdf.data_mut()[i as usize] = 0.0;
         }
-        Pulled {
-            field: pass.backward(&self.field, &d),
-            map: recorded.map.as_ref().map(|p| p.collect(&mut gradients)),
-        }
+        let field = pass.backward(&self.state.field, &d);
+        (field, recorded.map.as_ref().map(|p| p.collect(&mut gradients)))
     }
 
-    fn report(&self, recorded: &Recorded) -> StepReport {
-        let Config { field_rate, bsp_rate, .. } = &self.config;
-        let (step, total) = (self.train_step(), self.config.steps_in(Phase::Train));
-        let band = self.work.band.as_ref();
-        let terms = &recorded.terms;
-        StepReport {
-            step: self.step,
-            total: self.total_steps(),
-            phase: Phase::Train,
-            resolution: band.map_or(0, |b| b.resolution),
-            loss: self.work.tape.value(recorded.loss).item(),
-            para: terms.para,
-            deform: terms.deform,
-            surf: terms.surf,
-            eikonal: terms.eikonal,
-            laplacian: terms.laplacian,
-            on_points: terms.on_points,
-            pull: terms.pull,
-            cover: terms.cover,
-            bridge: terms.bridge,
-            field_rate: self.rate_factor() * field_rate.rate_at(step, total),
-            bsp_rate: self.rate_factor() * bsp_rate.rate_at(step, total),
-            gradient_norm: 0.0,
-            active_verts: band.map_or(0, |b| b.verts.len()),
-            surface_verts: self.work.iso.edges.len(),
-            recoveries: self.recoveries,
-        }
-    }
-
-    /// Remembers the trained block's part of S for the steps that do not compute it.
-    fn keep_surface(&mut self, recorded: &Recorded, view: &View) {
-        if let (Some(map), Some(part), Some(block)) = (&self.map, recorded.surface, view.block) {
-            let part = self.work.tape.value(part).to_points();
-            map.place(&self.blocks[block], &part, &mut self.surface);
-        }
-    }
-
-    /// Steps along the gradients.
-    fn update(&mut self, pulled: &Pulled, report: &StepReport) {
-        // Parameters that a tape holds would be copied.
-        self.work.tape.clear();
-        self.work.pass.release();
-        self.field_adam.step(self.field.params_mut().values_mut(), &pulled.field, report.field_rate);
-        if let (Some(map), Some(adam), Some(gradients)) = (&mut self.map, &mut self.map_adam, &pulled.map) {
-            adam.step(map.params_mut().values_mut(), gradients, report.bsp_rate);
-        }
+    /// V and V' of this step's grid (v x 3 each, working frame).
+    ///
+    /// # Errors
+    /// [`ErrorKind::Diverged`] if V' is not finite or far away.
+    pub fn moved_verts(&self) -> Result<[Vec<[f32; 3]>; 2], Error> {
+        let verts = &self.band.verts;
+        let mut tape = Tape::new();
+        let values = FieldPass::new().forward(&self.state.field, verts, tape.pool());
+        let field = FieldVars {
+            sdf: tape.constant(values.sdf),
+            gradient: tape.constant(values.gradient),
+            offset: values.offset.map(|offset| tape.constant(offset)),
+        };
+        let at = tape.constant(Tensor::from_points(verts));
+        let moved = deform(&mut tape, self.setup.config.deformation, at, &field);
+        check_near("the moved grid", tape.value(moved).data())?;
+        Ok([verts.clone(), tape.value(moved).to_points()])
     }
 }
 
-/// A block's part of S and its context (c x 3), on the tape.
-pub(in crate::reconstruct) fn forward_map(
-    tape: &mut Tape,
-    map: &SurfaceMap,
-    p: &Bound,
-    cloud: &[[f32; 3]],
-    block: &Neighbourhood,
-) -> Result<(Var, Var), Error> {
-    let context: Vec<[f32; 3]> = block.context().iter().map(|&i| cloud[i as usize]).collect();
-    let context = tape.constant(Tensor::from_points(&context));
-    let surface = map.forward(tape, p, context, block);
-    check_near("the parameterized surface", tape.value(surface).data())?;
-    Ok((surface, context))
-}
-
-/// L_para of a block: from its part of S to all points around, beyond a slack if there is one, and from its centres to
-/// its part of S.
-pub(in crate::reconstruct) fn para_term(
-    tape: &mut Tape,
-    surface: Var,
-    context: Var,
-    block: &Neighbourhood,
-    slack: Option<Arc<[f32]>>,
-) -> Var {
-    let b = block.centres().len();
-    if b == block.context().len() && slack.is_none() {
-        return tape.chamfer(surface, context, Direction::BOTH);
-    }
-    let centres = tape.slice_rows(context, 0..b);
-    let out = match slack {
-        None => tape.chamfer(surface, context, Direction::FORWARD),
-        Some(slack) => tape.distance_beyond(surface, context, slack),
-    };
-    let back = tape.chamfer(surface, centres, Direction::BACKWARD);
-    tape.add(out, back)
-}
-
-/// The part of S that stands for it in this step: all of it, live if it is being trained; for a cloud in several blocks
-/// the live part with the remembered patches of the points in view.
-fn surface_target(
+/// The part of S that stands for it in a step: all of it, live if it is being trained; for a cloud in several blocks
+/// the live part with the remembered patches of the points that the step sees.
+fn seen_surface(
     tape: &mut Tape,
     map: &SurfaceMap,
     live: Option<Var>,
     remembered: &[[f32; 3]],
     blocks: usize,
-    view: &View,
+    seen: &Seen,
 ) -> Var {
     if blocks == 1 {
         return live.unwrap_or_else(|| tape.constant(Tensor::from_points(remembered)));
     }
-    let rows = view.rows.iter().flat_map(|&point| &remembered[map.rows_of(point)]);
+    let rows = seen.rows.iter().flat_map(|&point| &remembered[map.rows_of(point)]);
     let rows: Vec<[f32; 3]> = rows.copied().collect();
     let rows = tape.constant(Tensor::from_points(&rows));
     match live {
@@ -422,23 +372,28 @@ fn surface_target(
     }
 }
 
-pub(in crate::reconstruct) fn diverged(message: impl Into<String>) -> Error {
-    Error::new(ErrorKind::Diverged, message)
-}
+#[cfg(test)]
+mod tests {
+    use super::lower_to_points;
+    use crate::field::Field;
+    use crate::reconstruct::tests::{at_training, ball, tiny};
 
-/// Refuses coordinates that neighbour searches cannot take.
-pub(in crate::reconstruct) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
-    // Written so that NaN is refused.
-    if points.iter().all(|x| x.abs() < FAR) {
-        return Ok(());
+    #[test]
+    fn a_field_without_an_inside_is_lowered_to_the_points() {
+        let mut trainer = at_training(&ball(60), &tiny());
+        trainer.state.field.lower(-0.6);
+        let outside = trainer.state.field.clone();
+        let report = trainer.step().unwrap();
+        assert!(report.surface_verts > 0 && report.recoveries == 0, "{report:?}");
+        let lowered = |field: &Field| {
+            let mut values = field.sdf(&trainer.setup.cloud);
+            values.sort_by(f32::total_cmp);
+            values[30]
+        };
+        // Of a cube of a tenth of the grid half is left, and a step's change.
+        let now = lowered(&trainer.state.field);
+        assert!(lowered(&outside) > 0.2 && (-0.12..0.0).contains(&now), "{now}");
+        // It is no way out of what it has led to.
+        assert!(!lower_to_points(&trainer.setup, &mut trainer.state).unwrap());
     }
-    Err(diverged(format!("{what} is not finite or far away")))
-}
-
-/// Refuses gradients that are not finite.
-pub(in crate::reconstruct) fn check_gradients(what: &str, gradients: &[Option<Tensor>]) -> Result<(), Error> {
-    if gradient_norm(gradients).is_finite() {
-        return Ok(());
-    }
-    Err(diverged(format!("the gradient of {what} is not finite")))
 }

@@ -5,15 +5,16 @@ use super::store::{Checksum, Store, damaged};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{Normalizer, TriangleMesh};
 use crate::nn::Params;
-use crate::optim::{Adam, AdamOptions};
+use crate::optim::Adam;
+use crate::random::Random;
 use crate::reconstruct::bridges::Bridges;
-use crate::reconstruct::phases::train::FAR;
+use crate::reconstruct::phases::FAR;
 use crate::reconstruct::result::{FoundShape, Shape};
-use crate::reconstruct::trainer::{Learned, RECOVERIES, Snapshot, blank_field, prepare};
-use crate::reconstruct::{Config, Reconstruction, Trainer};
+use crate::reconstruct::setup::{initial_field, prepare};
+use crate::reconstruct::state::{State, fresh_adam};
+use crate::reconstruct::trainer::{RECOVERIES, find_band};
+use crate::reconstruct::{Config, Phase, Reconstruction, Trainer};
 use crate::tensor::Tensor;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
 use std::collections::BTreeMap;
 use std::path::Path;
 
@@ -67,7 +68,7 @@ impl Trainer {
                 return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
                     .advise("resume with the points that the run was started with"));
             }
-            let mut trainer = Trainer::blank(prepared);
+            let mut trainer = Trainer::from_prepared(prepared)?;
             let mut expected = trainer.to_store().tensors;
             for name in ["now.bridges", "good.bridges"] {
                 let rows = store.tensors.get(name).map_or(0, Tensor::rows);
@@ -78,15 +79,18 @@ impl Trainer {
             if trainer.recoveries > RECOVERIES {
                 return Err(damaged(format!("{} recoveries", trainer.recoveries)));
             }
-            let now = read_snapshot(&store, "now", &trainer)?;
-            trainer.good = read_snapshot(&store, "good", &trainer)?;
-            if trainer.good.step > now.step || now.step > trainer.total_steps() {
-                let message = format!("step {} after good step {}", now.step, trainer.good.step);
-                return Err(damaged(message));
+            let now = read_state(&store, "now", &trainer.state)?;
+            let good = read_state(&store, "good", &trainer.state)?;
+            if good.step > now.step || now.step > trainer.total_steps() {
+                return Err(damaged(format!("step {} after good step {}", now.step, good.step)));
             }
-            trainer.restore(&now);
-            trainer.find_shape()?;
-            trainer.rebuild_band()?;
+            // The band is the one that was searched for at the good state; a state of an earlier phase has none.
+            if let (true, (Phase::Train, step)) = (now.step > good.step, trainer.config().phase_at(good.step))
+            {
+                let resolution = trainer.setup.resolution_at(step);
+                trainer.band = Some(find_band(&trainer.setup, &good, resolution)?);
+            }
+            (trainer.state, trainer.good) = (now, good);
             Ok(trainer)
         };
         resume().map_err(|e| e.in_file(path))
@@ -95,11 +99,11 @@ impl Trainer {
     fn to_store(&self) -> Store {
         let mut store = Store::default();
         CHECKPOINT.put(&mut store);
-        saved_options::put(&mut store, &self.config);
-        store.put("cloud", fingerprint(&self.input));
+        saved_options::put(&mut store, &self.setup.config);
+        store.put("cloud", fingerprint(&self.setup.input));
         store.put("recoveries", self.recoveries);
-        put_snapshot(&mut store, "now", &self.snapshot());
-        put_snapshot(&mut store, "good", &self.good);
+        put_state(&mut store, "now", &self.state);
+        put_state(&mut store, "good", &self.good);
         store
     }
 }
@@ -160,7 +164,7 @@ impl Reconstruction {
         let normalizer = Normalizer::from_array(frame.map(f64::from_bits))
             .map_err(|e| damaged("its frame cannot be used").caused_by(e))?;
 
-        let mut field = blank_field(&config, &mut ChaCha8Rng::seed_from_u64(config.seed));
+        let mut field = initial_field(&config, &mut Random::new(config.seed));
         let found = store.tensors.contains_key(FOUND[0]).then_some(FOUND);
         let finished = store.tensors.contains_key(FINISH).then_some(FINISH);
         let mut expected: BTreeMap<String, Tensor> = match found {
@@ -279,49 +283,46 @@ fn fingerprint(cloud: &[[f32; 3]]) -> String {
     format!("{} points, {:016x}", cloud.len(), sum.0)
 }
 
-fn put_snapshot(store: &mut Store, name: &str, snapshot: &Snapshot) {
-    store.put(&format!("{name}.step"), snapshot.step);
-    put_learned(store, &format!("{name}.field"), &snapshot.field);
-    if let Some(map) = &snapshot.map {
-        put_learned(store, &format!("{name}.map"), map);
-        store.tensors.insert(format!("{name}.surface"), Tensor::from_points(&snapshot.surface));
+fn put_state(store: &mut Store, name: &str, state: &State) {
+    store.put(&format!("{name}.step"), state.step);
+    put_learned(store, &format!("{name}.field"), state.field.params(), &state.field_adam);
+    if let (Some(map), Some(adam)) = (&state.map, &state.map_adam) {
+        put_learned(store, &format!("{name}.map"), map.params(), adam);
+        store.tensors.insert(format!("{name}.surface"), Tensor::from_points(&state.surface));
     }
-    let Bridges { points, depths, looked } = &snapshot.bridges;
+    let Bridges { points, depths, looked } = &state.bridges;
     store.put(&format!("{name}.looked"), looked);
     let rows: Vec<f32> = points.iter().zip(depths).flat_map(|(p, &d)| [p[0], p[1], p[2], d]).collect();
     store.tensors.insert(format!("{name}.bridges"), Tensor::from_vec(&[points.len(), 4], rows));
 }
 
-fn put_learned(store: &mut Store, name: &str, learned: &Learned) {
-    for (_, param, value) in learned.params.iter() {
+fn put_learned(store: &mut Store, name: &str, params: &Params, adam: &Adam) {
+    for (_, param, value) in params.iter() {
         store.tensors.insert(format!("{name}.value.{param}"), value.clone());
     }
-    for (state, tensor) in learned.adam.state(learned.params.names()) {
-        store.tensors.insert(format!("{name}.{state}"), tensor);
+    for (moments, tensor) in adam.state(params.names()) {
+        store.tensors.insert(format!("{name}.{moments}"), tensor);
     }
 }
 
-/// Reads a snapshot of the shape of the trainer's present state, whose tensors have been checked to be there.
-fn read_snapshot(store: &Store, name: &str, like: &Trainer) -> Result<Snapshot, Error> {
-    let like = like.snapshot();
-    let learned = |like: &Learned, name: &str| read_learned(store, name, like);
-    let map = like.map.as_ref().map(|map| learned(map, &format!("{name}.map"))).transpose()?;
+/// Reads a state of the shape of another one; its tensors have been checked to be there.
+fn read_state(store: &Store, name: &str, like: &State) -> Result<State, Error> {
+    let mut state = like.clone();
+    state.step = store.parse(&format!("{name}.step"))?;
+    read_learned(store, &format!("{name}.field"), state.field.params_mut(), &mut state.field_adam)?;
+    if let (Some(map), Some(adam)) = (&mut state.map, &mut state.map_adam) {
+        read_learned(store, &format!("{name}.map"), map.params_mut(), adam)?;
+    }
     let surface = store.tensors.get(&format!("{name}.surface")).map(Tensor::to_points);
-    Ok(Snapshot {
-        step: store.parse(&format!("{name}.step"))?,
-        field: learned(&like.field, &format!("{name}.field"))?,
-        map,
-        surface: surface.unwrap_or_default(),
-        bridges: read_bridges(store, name)?,
-    })
+    state.surface = surface.unwrap_or_default();
+    state.bridges = read_bridges(store, name)?;
+    Ok(state)
 }
 
-fn read_learned(store: &Store, name: &str, like: &Learned) -> Result<Learned, Error> {
-    let mut params = like.params.clone();
-    read_params(store, &format!("{name}.value."), &mut params);
-    let mut adam = Adam::new(params.values(), AdamOptions::default());
-    adam.restore(params.names(), |state| store.tensors.get(&format!("{name}.{state}")).cloned())?;
-    Ok(Learned { params, adam })
+fn read_learned(store: &Store, name: &str, params: &mut Params, adam: &mut Adam) -> Result<(), Error> {
+    read_params(store, &format!("{name}.value."), params);
+    *adam = fresh_adam(params);
+    adam.restore(params.names(), |moments| store.tensors.get(&format!("{name}.{moments}")).cloned())
 }
 
 /// Reads all parameters, whose tensors have been checked to be there.
@@ -399,10 +400,10 @@ mod tests {
         }
         let clear = trainer.to_store();
         let points_inside = vec![[0.7, 0.1, 0.0], [0.6, 0.2, 0.1]];
-        trainer.bridges = Bridges { points: points_inside, depths: vec![0.05, 0.1], looked: 9 };
+        trainer.state.bridges = Bridges { points: points_inside, depths: vec![0.05, 0.1], looked: 9 };
         trainer.save_checkpoint(&path).unwrap();
         let mut resumed = Trainer::resume(&path, &points, &tiny()).unwrap();
-        assert_eq!(resumed.bridges, trainer.bridges);
+        assert_eq!(resumed.state.bridges, trainer.state.bridges);
         let end = |trainer: &mut Trainer| {
             while !trainer.is_done() {
                 trainer.step().unwrap();

@@ -53,7 +53,7 @@ fn every_ablation_runs() {
             config.set(key, value).unwrap();
         }
         let mut steps = 0;
-        let result = reconstruct(&points, &config, &mut |event| {
+        let result = reconstruct_with(&points, &config, &mut |event| {
             if let Event::Step(report) = event {
                 assert!(report.loss.is_finite(), "{settings:?}");
                 assert_eq!(report.active_verts > 0, report.phase == Phase::Train, "{settings:?}");
@@ -62,7 +62,8 @@ fn every_ablation_runs() {
             assert!(!matches!(event, Event::Recovered { .. }), "{settings:?}: {event:?}");
             ControlFlow::Continue(())
         })
-        .unwrap();
+        .unwrap()
+        .finish();
         assert_eq!(steps, config.total_steps(), "{settings:?}");
         assert!(result.mesh(12).unwrap().topology().closed, "{settings:?}");
     }
@@ -73,15 +74,16 @@ fn a_sphere_comes_back_from_interpolated_points() {
     let config = Config { parameterization: Parameterization::Upsample, ..quick() };
     let points = ball(150);
     let (mut steps, mut trained) = (0, 0);
-    let result = reconstruct(&points, &config, &mut |event| {
+    let result = reconstruct_with(&points, &config, &mut |event| {
         if let Event::Step(report) = event {
-            assert!(report.phase != Phase::Pretrain && report.para == 0.0);
+            assert!(report.phase != Phase::Pretrain && report.terms.para == 0.0);
             steps += 1;
-            trained += usize::from(report.phase == Phase::Train && report.deform > 0.0);
+            trained += usize::from(report.phase == Phase::Train && report.terms.deform > 0.0);
         }
         ControlFlow::Continue(())
     })
-    .unwrap();
+    .unwrap()
+    .finish();
     assert_eq!((steps, trained), (260, 60));
     // S stays the interpolation of the points, so it lies inside the ball and near it.
     let centred = |p: &[f32; 3]| ((p[0] - 10.0).powi(2) + (p[1] + 4.0).powi(2) + p[2].powi(2)).sqrt();

@@ -1,7 +1,8 @@
 //! The gradients of a whole training step against finite differences of its loss.
 
 use super::super::bridges::Bridges;
-use super::super::objective::Terms;
+use super::super::phases::train::{Recorded, Seen, TrainStep};
+use super::super::phases::{ParamGradients, Workspace};
 use super::super::*;
 use super::{at_training, ball, tiny};
 use crate::bsp::Parameterization;
@@ -41,12 +42,38 @@ fn sampled_in_blocks() -> Config {
     config
 }
 
+/// The trainer's step on its band, and what it works with.
+fn parts(trainer: &mut Trainer) -> (TrainStep<'_>, &mut Workspace) {
+    let Trainer { setup, state, band, work, .. } = trainer;
+    let (_, step) = setup.config.phase_at(state.step);
+    (TrainStep::new(setup, state, band.as_ref().unwrap(), step), work)
+}
+
+/// Searches for the band on a grid of 8 cubes.
+fn find_band(trainer: &mut Trainer) {
+    trainer.band = Some(super::super::trainer::find_band(&trainer.setup, &trainer.state, 8).unwrap());
+}
+
 /// The loss of the trainer's step with the topology of an earlier call of `march`.
 fn loss_at(trainer: &mut Trainer) -> f64 {
-    let view = trainer.view();
-    let sampled = trainer.sample_field(&view).unwrap();
-    let recorded = trainer.record(&sampled, &view).unwrap();
-    f64::from(trainer.work.tape.value(recorded.loss).item())
+    let (at, work) = parts(trainer);
+    let seen = at.seen();
+    let sampled = at.sample_field(&seen, work).unwrap();
+    let recorded = at.record(&sampled, &seen, work).unwrap();
+    f64::from(work.tape.value(recorded.loss).item())
+}
+
+/// What a step puts on the tape, and its gradients for field and map.
+type Differentiated = (Seen, Recorded, ParamGradients, Option<ParamGradients>);
+
+fn differentiate(trainer: &mut Trainer) -> Differentiated {
+    let (at, work) = parts(trainer);
+    let seen = at.seen();
+    let sampled = at.sample_field(&seen, work).unwrap();
+    at.march(&sampled, &mut work.iso).unwrap();
+    let recorded = at.record(&sampled, &seen, work).unwrap();
+    let (field, map) = at.pull_back(&recorded, &sampled, work);
+    (seen, recorded, field, map)
 }
 
 /// A random direction of unit length.
@@ -59,11 +86,10 @@ fn direction(dims: &[usize], seed: u64) -> Tensor {
 
 /// Moves one parameter of the field (or of the map) along a direction.
 fn nudge(trainer: &mut Trainer, map: bool, index: usize, along: &Tensor, by: f32) {
-    trainer.work.tape.clear();
-    trainer.work.pass.release();
-    let values = match &mut trainer.map {
+    trainer.work.clear();
+    let values = match &mut trainer.state.map {
         Some(m) if map => m.params_mut().values_mut(),
-        _ => trainer.field.params_mut().values_mut(),
+        _ => trainer.state.field.params_mut().values_mut(),
     };
     let value = std::sync::Arc::make_mut(&mut values[index]);
     value.data_mut().iter_mut().zip(along.data()).for_each(|(v, d)| *v += by * d);
@@ -72,38 +98,34 @@ fn nudge(trainer: &mut Trainer, map: bool, index: usize, along: &Tensor, by: f32
 /// Shifts the field so that no active vertex lies close to its zero level: a sign that switches is a kink, and near one
 /// the crossing of an edge moves too fast for differences in f32.
 fn clear_the_level(trainer: &mut Trainer) {
-    let view = trainer.view();
-    let sampled = trainer.sample_field(&view).unwrap();
+    let (at, work) = parts(trainer);
+    let sampled = at.sample_field(&at.seen(), work).unwrap();
     let mut values: Vec<f32> = sampled.values.sdf.data().iter().copied().filter(|s| s.abs() < 0.03).collect();
     values.sort_by(f32::total_cmp);
     let widest = values.windows(2).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0]))).unwrap();
     let shift = -0.5 * (widest[0] + widest[1]);
-    let last = trainer.field.params().id("field.2.bias").unwrap();
-    trainer.work.reset();
-    trainer.field.params_mut().value_mut(last).data_mut()[0] += shift;
-    trainer.build_band(8).unwrap();
+    let last = trainer.state.field.params().id("field.2.bias").unwrap();
+    trainer.work.clear();
+    trainer.state.field.params_mut().value_mut(last).data_mut()[0] += shift;
+    find_band(trainer);
 }
 
 /// The sum of the terms with their weights, as the options document them; `progress` is the share of the training done.
 fn weighted_terms(config: &Config, terms: &Terms, progress: f32) -> f64 {
     let w = &config.weights;
-    [
-        (w.para, terms.para),
-        (w.deform * w.deform_decay.powf(progress), terms.deform),
-        (w.surf, terms.surf),
-        (w.eikonal, terms.eikonal),
-        (w.laplacian, terms.laplacian),
-        (w.on_points, terms.on_points),
-        (w.pull, terms.pull),
-        (w.cover, terms.cover),
-        (w.bridge, terms.bridge),
-    ]
-    .into_iter()
-    .map(|(weight, term)| {
-        assert!(term > 0.0, "{terms:?}");
-        f64::from(weight) * f64::from(term)
-    })
-    .sum()
+    let decayed = |(name, weight): (&str, f32)| match name {
+        "deform" => weight * w.deform_decay.powf(progress),
+        _ => weight,
+    };
+    let weights = w.each().map(decayed);
+    weights
+        .into_iter()
+        .zip(terms.each())
+        .map(|(weight, (_, term))| {
+            assert!(term > 0.0, "{terms:?}");
+            f64::from(weight) * f64::from(term)
+        })
+        .sum()
 }
 
 /// Compares the gradients of step `step` of the training with differences of its loss, for every parameter of the field
@@ -113,34 +135,30 @@ fn check_step(config: &Config, step: usize, seed: u64) -> (usize, usize) {
     let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, seed).0;
     let config = Config { seed, ..config.clone() };
     let mut trainer = at_training(&points, &config);
-    let parts = if config.batch.centres < points.len() { 2 } else { 1 };
-    assert_eq!(trainer.blocks.len(), parts);
-    trainer.step += step;
-    trainer.bridges = Bridges {
+    let parts_of_s = if config.batch.centres < points.len() { 2 } else { 1 };
+    assert_eq!(trainer.setup.blocks.len(), parts_of_s);
+    trainer.state.step += step;
+    trainer.state.bridges = Bridges {
         points: vec![[0.31, 0.1, -0.2], [0.0, 0.4, 0.1], [0.0; 3]],
         depths: vec![0.3, 0.2, 0.1],
         looked: 0,
     };
-    trainer.build_band(8).unwrap();
+    find_band(&mut trainer);
     clear_the_level(&mut trainer);
     trainer.work.held_samples = Some(Default::default());
-    let view = trainer.view();
-    let sampled = trainer.sample_field(&view).unwrap();
-    trainer.march(&sampled).unwrap();
-    let recorded = trainer.record(&sampled, &view).unwrap();
-    let pulled = trainer.pull_back(&recorded, &sampled);
+    let (seen, recorded, of_field, of_map) = differentiate(&mut trainer);
     let base = loss_at(&mut trainer);
     let progress = step as f32 / config.steps_in(Phase::Train) as f32;
     // Without the training of the parameterization there is no L_para in the step.
     if config.bsp_every > 0 {
-        assert_eq!(view.block, Some(step / 2 % trainer.blocks.len()));
+        assert_eq!(seen.block, Some(step / 2 % trainer.setup.blocks.len()));
         let sum = weighted_terms(&config, &recorded.terms, progress);
         assert!((base - sum).abs() < 1e-5 * sum, "{base} is not the sum {sum} of {:?}", recorded.terms);
     }
 
-    let map = trainer.map.as_ref().unwrap();
-    let field = (0..).zip(trainer.field.params().names()).zip(pulled.field).map(|p| (false, p));
-    let psi = (0..).zip(map.params().names()).zip(pulled.map.unwrap_or_default()).map(|p| (true, p));
+    let map = trainer.state.map.as_ref().unwrap();
+    let field = (0..).zip(trainer.state.field.params().names()).zip(of_field).map(|p| (false, p));
+    let psi = (0..).zip(map.params().names()).zip(of_map.unwrap_or_default()).map(|p| (true, p));
     let gradients: Vec<(bool, usize, String, Tensor)> = field
         .chain(psi.filter(|(_, ((_, name), _))| name.starts_with("psi")))
         .map(|(map, ((i, name), gradient))| (map, i, name.to_string(), gradient.expect("a gradient")))
@@ -214,15 +232,11 @@ fn every_parameter_has_a_gradient_that_is_not_zero() {
     {
         let config = Config { parameterization, ..all_terms() };
         let mut trainer = at_training(&ball(40), &config);
-        trainer.build_band(8).unwrap();
-        let view = trainer.view();
-        let sampled = trainer.sample_field(&view).unwrap();
-        trainer.march(&sampled).unwrap();
-        let recorded = trainer.record(&sampled, &view).unwrap();
-        let pulled = trainer.pull_back(&recorded, &sampled);
-        let map = trainer.map.as_ref().unwrap();
-        let names = trainer.field.params().names().chain(map.params().names());
-        for (name, gradient) in names.zip(pulled.field.into_iter().chain(pulled.map.unwrap())) {
+        find_band(&mut trainer);
+        let (_, _, of_field, of_map) = differentiate(&mut trainer);
+        let map = trainer.state.map.as_ref().unwrap();
+        let names = trainer.state.field.params().names().chain(map.params().names());
+        for (name, gradient) in names.zip(of_field.into_iter().chain(of_map.unwrap())) {
             let norm = gradient_norm(&[gradient]);
             assert!(norm.is_finite(), "{name}");
             if norm < 1e-9 {

@@ -12,7 +12,6 @@ use crate::field::Activation;
 use crate::geometry::Shape;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
-use std::ops::ControlFlow;
 
 /// A configuration that runs in well under a second.
 pub(in crate::reconstruct) fn tiny() -> Config {
@@ -52,7 +51,7 @@ pub(in crate::reconstruct) fn noisy(n: usize) -> (Vec<[f32; 3]>, Config) {
 }
 
 pub(in crate::reconstruct) fn run(points: &[[f32; 3]], config: &Config) -> Reconstruction {
-    reconstruct(points, config, &mut |_| ControlFlow::Continue(())).unwrap()
+    reconstruct(points, config).unwrap()
 }
 
 pub(in crate::reconstruct) fn bits(result: &Reconstruction) -> (Vec<u32>, Vec<[u32; 3]>, Vec<u32>) {
@@ -67,7 +66,7 @@ pub(in crate::reconstruct) fn at_training(points: &[[f32; 3]], config: &Config) 
     while trainer.phase() != Phase::Train {
         trainer.step().unwrap();
     }
-    trainer.begin_training().unwrap();
+    phases::train::begin(&trainer.setup, &mut trainer.state).unwrap();
     trainer
 }
 
@@ -88,9 +87,9 @@ pub(in crate::reconstruct) fn quick() -> Config {
 
 /// Makes the field or the parameterization useless.
 pub(in crate::reconstruct) fn poison(trainer: &mut Trainer, map: bool, value: f32) {
-    let params = match &mut trainer.map {
+    let params = match &mut trainer.state.map {
         Some(m) if map => m.params_mut(),
-        _ => trainer.field.params_mut(),
+        _ => trainer.state.field.params_mut(),
     };
     let last = params.values_mut().last_mut().unwrap();
     std::sync::Arc::make_mut(last).data_mut()[0] = value;

@@ -61,7 +61,7 @@ fn every_phase_comes_back_from_bad_values() {
 fn a_run_that_cannot_come_back_says_so() {
     let stuck = |mut trainer: Trainer, value: f32, kind: ErrorKind, advice: &str, recoveries: usize| {
         poison(&mut trainer, false, value);
-        trainer.good = trainer.snapshot();
+        trainer.good = trainer.state.clone();
         let error = trainer.step().unwrap_err();
         assert_eq!(error.kind(), kind);
         assert!(error.advice().unwrap().contains(advice), "{error}");

@@ -34,18 +34,20 @@ fn the_paper_preset_takes_its_steps() {
     config.stages = vec![Stage { resolution: 10, steps: 2 }];
     config.field.width = 32;
     let mut terms = Vec::new();
-    reconstruct(&ball(50), &config, &mut |event| {
+    reconstruct_with(&ball(50), &config, &mut |event| {
         if let Event::Step(r) = event {
-            terms.push(r.para > 0.0 && r.deform > 0.0 && r.surf > 0.0);
-            assert!((r.loss - (10.0 * r.para + r.deform + 0.01 * r.surf)).abs() < 1e-4 * r.loss);
-            assert_eq!(
-                (r.eikonal, r.laplacian, r.on_points, r.pull, r.cover, r.bridge),
-                (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+            terms.push(r.terms.para > 0.0 && r.terms.deform > 0.0 && r.terms.surf > 0.0);
+            assert!(
+                (r.loss - (10.0 * r.terms.para + r.terms.deform + 0.01 * r.terms.surf)).abs() < 1e-4 * r.loss
             );
+            let paper =
+                Terms { para: r.terms.para, deform: r.terms.deform, surf: r.terms.surf, ..Terms::default() };
+            assert_eq!(r.terms, paper);
         }
         ControlFlow::Continue(())
     })
-    .unwrap();
+    .unwrap()
+    .finish();
     assert_eq!(terms, [true, true]);
 }
 
@@ -58,19 +60,20 @@ fn the_fine_preset_takes_its_steps() {
     // The grids that the stages say, whatever the area.
     config.reference_area = 0.0;
     let mut steps = Vec::new();
-    let result = reconstruct(&ball(50), &config, &mut |event| {
+    let result = reconstruct_with(&ball(50), &config, &mut |event| {
         if let Event::Step(r) = event
             && r.phase == Phase::Train
         {
             assert!(
-                r.loss.is_finite() && r.deform > 0.0 && r.surface_verts > 0 && r.recoveries == 0,
+                r.loss.is_finite() && r.terms.deform > 0.0 && r.surface_verts > 0 && r.recoveries == 0,
                 "{r:?}"
             );
             steps.push(r.resolution);
         }
         ControlFlow::Continue(())
     })
-    .unwrap();
+    .unwrap()
+    .finish();
     assert_eq!(steps, [32, 32, 48, 48, 64, 64]);
     assert!(result.mesh(20).unwrap().topology().closed);
 }
@@ -81,7 +84,7 @@ fn the_callback_hears_of_recoveries() {
     let mut config = tiny();
     config.field_rate = Schedule { base: 1.0, warmup: 0, decay: Decay::Constant };
     let (mut recovered, mut last) = (Vec::new(), None);
-    let outcome = reconstruct(&ball(50), &config, &mut |event| {
+    let outcome = reconstruct_with(&ball(50), &config, &mut |event| {
         match *event {
             Event::Recovered { step, reason } => {
                 let failed: usize =
@@ -110,7 +113,7 @@ fn the_callback_sees_everything_and_stops_the_run() {
     points.push(points[7]);
     let config = tiny();
     let mut seen = Vec::new();
-    let error = reconstruct(&points, &config, &mut |event| {
+    let outcome = reconstruct_with(&points, &config, &mut |event| {
         match event {
             Event::Started { points, merged, total_steps } => {
                 assert_eq!((*points, *merged, *total_steps), (50, 1, 47));
@@ -123,16 +126,19 @@ fn the_callback_sees_everything_and_stops_the_run() {
         }
         if seen.len() == 43 { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
     })
-    .unwrap_err();
-    assert_eq!(error.kind(), ErrorKind::Cancelled);
+    .unwrap();
+    // What there is can go on, be saved, or be finished.
+    let Outcome::Stopped(trainer) = outcome else { panic!("the run was not stopped") };
+    assert_eq!(trainer.steps_done(), 43);
+    assert!(trainer.finish().mesh(12).unwrap().topology().closed);
     let start = (0..30).map(|i| (i, Phase::Start, 0));
     let pretrain = (30..35).map(|i| (i, Phase::Pretrain, 0));
     let train = (35..43).map(|i| (i, Phase::Train, if i < 41 { 8 } else { 12 }));
     assert_eq!(seen, start.chain(pretrain).chain(train).collect::<Vec<_>>());
 
-    let stopped = reconstruct(&points, &config, &mut |_| ControlFlow::Break(())).unwrap_err();
+    let stopped = reconstruct_with(&points, &config, &mut |_| ControlFlow::Break(())).err().unwrap();
     assert_eq!(stopped.kind(), ErrorKind::Cancelled);
-    let unusable = reconstruct(&[[0.0; 3]; 9], &config, &mut |_| ControlFlow::Continue(())).unwrap_err();
+    let unusable = reconstruct(&[[0.0; 3]; 9], &config).unwrap_err();
     assert_eq!(unusable.kind(), ErrorKind::Data);
 }
 
@@ -144,16 +150,17 @@ fn each_phase_learns_what_it_is_for() {
     let mut trainer = Trainer::new(&ball(80), &config).unwrap();
     let mut reports = Vec::new();
     while trainer.phase() != Phase::Train {
-        let (field, map) = (trainer.field.params().clone(), trainer.map.as_ref().map(|m| m.params().clone()));
+        let (field, map) =
+            (trainer.state.field.params().clone(), trainer.state.map.as_ref().map(|m| m.params().clone()));
         let report = trainer.step().unwrap();
         let same = |a: &crate::nn::Params, b: &crate::nn::Params| {
             a.iter().zip(b.iter()).all(|((_, _, a), (_, _, b))| a.data() == b.data())
         };
         let start = report.phase == Phase::Start;
-        assert_eq!(same(&field, trainer.field.params()), !start);
-        assert_eq!(same(&map.unwrap(), trainer.map.as_ref().unwrap().params()), start);
+        assert_eq!(same(&field, trainer.state.field.params()), !start);
+        assert_eq!(same(&map.unwrap(), trainer.state.map.as_ref().unwrap().params()), start);
         assert_eq!((report.field_rate > 0.0, report.bsp_rate > 0.0), (start, !start));
-        assert!((report.para > 0.0) != start && report.gradient_norm > 0.0);
+        assert!((report.terms.para > 0.0) != start && report.gradient_norm > 0.0);
         reports.push(report);
     }
     assert_eq!(reports.len(), 80);
@@ -184,10 +191,14 @@ fn scaled_clouds_use_windows_and_blocks() {
     let mut config = tiny();
     config.batch = Batch { thin: 0.0, points: 32, centres: 20 };
     let mut trainer = at_training(&ball(100), &config);
-    assert!(trainer.blocks.len() == 8);
+    assert!(trainer.setup.blocks.len() == 8);
     let mut seen = vec![0; 100];
     for _ in 0..12 {
-        for row in trainer.view().rows {
+        let Trainer { setup, state, .. } = &trainer;
+        let (_, step) = setup.config.phase_at(state.step);
+        let resolution = setup.resolution_at(step);
+        let band = trainer::find_band(setup, state, resolution).unwrap();
+        for row in phases::train::TrainStep::new(setup, state, &band, step).seen().rows {
             seen[row as usize] += 1;
         }
         trainer.step().unwrap();
@@ -202,14 +213,14 @@ fn only_clouds_beyond_a_batch_are_thinned() {
     let mut config = tiny();
     // Cubes that hold several of the points.
     config.batch = Batch { thin: 2.0, points: 400, centres: 100 };
-    assert_eq!(Trainer::new(&ball(400), &config).unwrap().cloud.len(), 400);
+    assert_eq!(Trainer::new(&ball(400), &config).unwrap().setup.cloud.len(), 400);
     let points = ball(401);
     let trainer = Trainer::new(&points, &config).unwrap();
-    let kept = trainer.cloud.len();
+    let kept = trainer.setup.cloud.len();
     assert!((20..300).contains(&kept), "{kept}");
     // Not to almost nothing.
     config.batch.thin = 100.0;
-    assert_eq!(Trainer::new(&points, &config).unwrap().cloud.len(), 401);
+    assert_eq!(Trainer::new(&points, &config).unwrap().setup.cloud.len(), 401);
     let result = trainer.finish();
     assert_eq!((result.cloud().len(), result.surface_points().len()), (401, 4 * kept));
 }

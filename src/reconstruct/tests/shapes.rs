@@ -5,8 +5,7 @@ use super::{at_training, ball, noisy, quick, run};
 use crate::bsp::{Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
 use crate::geometry::Shape;
-use rand::SeedableRng;
-use rand::rngs::ChaCha8Rng;
+use crate::random::Random;
 
 /// Reconstructs a shape of known topology from a few points, in a frame of its own.
 fn check_shape(shape: Shape, count: usize, components: usize, genus: i64) {
@@ -83,8 +82,8 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
         let mean = cloud.iter().map(radius).sum::<f32>() / cloud.len() as f32;
         cloud.iter().map(|p| (radius(p) - mean).abs()).sum::<f32>() / cloud.len() as f32
     };
-    let given = trainer.normalizer.forward(&points);
-    assert!(off(&trainer.cloud) < 0.8 * off(&given), "{} {}", off(&trainer.cloud), off(&given));
+    let given = trainer.setup.normalizer.forward(&points);
+    assert!(off(&trainer.setup.cloud) < 0.8 * off(&given), "{} {}", off(&trainer.setup.cloud), off(&given));
     let mut finest = 0;
     while !trainer.is_done() {
         finest = finest.max(trainer.step().unwrap().resolution);
@@ -96,7 +95,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
 
     let left = Config { denoise: false, reference_area: 0.0, ..config };
     let mut trainer = Trainer::new(&points, &left).unwrap();
-    assert_eq!((trainer.noise_removed(), &trainer.cloud), (0.0, &given));
+    assert_eq!((trainer.noise_removed(), &trainer.setup.cloud), (0.0, &given));
     while !trainer.is_done() {
         assert!(trainer.step().unwrap().resolution <= 12);
     }
@@ -104,8 +103,8 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     let upsample = Config { parameterization: Parameterization::Upsample, ..noisy(120).1 };
     let mut trainer = at_training(&points, &upsample);
     trainer.step().unwrap();
-    let mut rng = ChaCha8Rng::seed_from_u64(0);
-    let cloud = &trainer.cloud;
+    let mut rng = Random::new(0);
+    let cloud = &trainer.setup.cloud;
     let fresh = SurfaceMap::new(upsample.parameterization, upsample.bsp, cloud, &mut rng).unwrap();
-    assert_eq!(trainer.surface, fresh.surface(cloud, &fresh.blocks(cloud, None, 1000)));
+    assert_eq!(trainer.state.surface, fresh.surface(cloud, &fresh.blocks(cloud, None, 1000)));
 }

@@ -1,0 +1,62 @@
+//! `--trim`: the surface cut where no point speaks for it.
+
+use bijective_sdf::Error;
+use bijective_sdf::geometry::TriangleMesh;
+use bijective_sdf::scene::{TRIM_FACTOR, Trimmed, support, trim};
+use clap::Args;
+
+use super::Common;
+use super::failure::Failure;
+use super::json::Object;
+
+/// Options that say which part of a surface is written.
+#[derive(Debug, Args)]
+pub struct TrimArgs {
+    /// Cut away what is farther from the nearest point than FACTOR times the spacing of the points there, fill the
+    /// small holes that this leaves, and drop scraps; the mesh is open then [FACTOR if left out: 2]
+    #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = DEFAULT, value_parser = factor)]
+    pub trim: Option<f32>,
+}
+
+/// [`TRIM_FACTOR`] as text.
+const DEFAULT: &str = "2";
+const _: () = assert!(TRIM_FACTOR == 2.0);
+
+fn factor(text: &str) -> Result<f32, String> {
+    let number = text.parse::<f32>().ok().filter(|f| *f > 0.0 && f.is_finite());
+    number.ok_or_else(|| "a number above 0 expected; before a file name write --trim=2".into())
+}
+
+/// What is left of a mesh, and how much was cut away.
+pub struct Part {
+    pub mesh: TriangleMesh,
+    /// The factor and the share of the area that was removed; none if nothing was asked for.
+    pub cut: Option<(f32, f64)>,
+}
+
+impl TrimArgs {
+    /// The part of a mesh that the options leave, for the points it was made from.
+    pub fn part(&self, mesh: TriangleMesh, points: &[[f32; 3]], common: Common) -> Result<Part, Failure> {
+        let Some(factor) = self.trim else { return Ok(Part { mesh, cut: None }) };
+        let Trimmed { mesh, removed, .. } = trim(&mesh, &support(&mesh.verts, points)?, factor);
+        if mesh.faces.is_empty() {
+            return Err(Failure::from(nothing_left(factor)));
+        }
+        common.note(&format!("cut away {:.1} % of the area: the mesh is open where no point is near", 100.0 * removed));
+        Ok(Part { mesh, cut: Some((factor, removed)) })
+    }
+}
+
+fn nothing_left(factor: f32) -> Error {
+    let text = format!("no part of the surface is within {factor} spacings of a point");
+    Error::new(bijective_sdf::ErrorKind::NoSurface, text).advise("give a larger --trim")
+}
+
+impl Part {
+    /// As a JSON value: `null`, or the factor and the share removed.
+    pub fn json(&self) -> String {
+        self.cut.map_or("null".to_string(), |(factor, removed)| {
+            Object::new().number("factor", f64::from(factor)).number("removed", removed).finish()
+        })
+    }
+}

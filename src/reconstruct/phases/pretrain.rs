@@ -1,0 +1,98 @@
+//! The second phase: the parameterization is trained alone, on L_para.
+
+use super::{StepReport, Update, check_gradients, check_near, diverged};
+use crate::autodiff::{Tape, Var};
+use crate::bsp::{Neighbourhood, SurfaceMap};
+use crate::error::Error;
+use crate::loss::Direction;
+use crate::nn::Bound;
+use crate::optim::gradient_norm;
+use crate::reconstruct::Phase;
+use crate::reconstruct::first_shape::shape_term;
+use crate::reconstruct::objective::Terms;
+use crate::reconstruct::setup::Setup;
+use crate::tensor::Tensor;
+use std::sync::Arc;
+
+/// Steps between two states that are kept to come back to.
+const KEEP_EVERY: usize = 20;
+
+/// Step `step` of the pretraining of `map`, which is that of the state: on the next block of the cloud, in turn. With
+/// the first shape beside the points (`bsp.pretrain_on_shape`), S is drawn to cover it.
+///
+/// # Errors
+/// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if S, the loss or its gradients are not finite.
+pub(in crate::reconstruct) fn step(
+    setup: &Setup,
+    map: &SurfaceMap,
+    step: usize,
+    tape: &mut Tape,
+    rate_factor: f32,
+) -> Result<Update, Error> {
+    let Setup { config, cloud, blocks, .. } = setup;
+    let block = &blocks[step % blocks.len()];
+    tape.clear();
+    let p = map.params().bind(tape, true);
+    let (surface, context) = forward_map(tape, map, &p, cloud, block)?;
+    let slack = map.slack(block, cloud.len());
+    let para = match &setup.samples {
+        Some(samples) if config.bsp_pretrain_on_shape => {
+            shape_term(tape, surface, context, block, &samples.around(block), slack)
+        }
+        _ => para_term(tape, surface, context, block, slack),
+    };
+    let loss = tape.value(para).item();
+    let gradients = p.collect(&mut tape.backward(para));
+    let gradient_norm = gradient_norm(&gradients);
+    if !loss.is_finite() {
+        return Err(diverged("the loss of the parameterization is not finite"));
+    }
+    check_gradients("the parameterization", &gradients)?;
+
+    let bsp_rate = rate_factor * config.bsp_rate.rate_at(step, config.steps_in(Phase::Pretrain));
+    let terms = Terms { para: loss, ..Terms::default() };
+    Ok(Update {
+        report: StepReport { loss, terms, bsp_rate, gradient_norm, ..StepReport::default() },
+        field: None,
+        map: Some(gradients),
+        part_of_s: None,
+        keep: step.is_multiple_of(KEEP_EVERY),
+    })
+}
+
+/// A block's part of S and its context (c x 3), on the tape.
+pub(super) fn forward_map(
+    tape: &mut Tape,
+    map: &SurfaceMap,
+    p: &Bound,
+    cloud: &[[f32; 3]],
+    block: &Neighbourhood,
+) -> Result<(Var, Var), Error> {
+    let context: Vec<[f32; 3]> = block.context().iter().map(|&i| cloud[i as usize]).collect();
+    let context = tape.constant(Tensor::from_points(&context));
+    let surface = map.forward(tape, p, context, block);
+    check_near("the parameterized surface", tape.value(surface).data())?;
+    Ok((surface, context))
+}
+
+/// L_para of a block: from its part of S to all points around, beyond a slack if there is one, and from its centres to
+/// its part of S.
+pub(super) fn para_term(
+    tape: &mut Tape,
+    surface: Var,
+    context: Var,
+    block: &Neighbourhood,
+    slack: Option<Arc<[f32]>>,
+) -> Var {
+    let b = block.centres().len();
+    if b == block.context().len() && slack.is_none() {
+        return tape.chamfer(surface, context, Direction::BOTH);
+    }
+    let centres = tape.slice_rows(context, 0..b);
+    let out = match slack {
+        None => tape.chamfer(surface, context, Direction::FORWARD),
+        Some(slack) => tape.distance_beyond(surface, context, slack),
+    };
+    let back = tape.chamfer(surface, centres, Direction::BACKWARD);
+    tape.add(out, back)
+}

@@ -1,0 +1,45 @@
+//! The first phase: the field learns the first shape by regression.
+
+use super::{ParamGradients, StepReport, Update, check_gradients, diverged};
+use crate::error::Error;
+use crate::field::FieldPass;
+use crate::optim::{Schedule, gradient_norm};
+use crate::reconstruct::first_shape::FirstShape;
+use crate::reconstruct::state::State;
+use crate::reconstruct::{Config, Phase};
+
+/// Steps between two states that are kept to come back to.
+const KEEP_EVERY: usize = 20;
+
+/// One step of the regression of the field to `shape`.
+///
+/// # Errors
+/// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if the field or its gradients are not finite.
+pub(in crate::reconstruct) fn step(
+    config: &Config,
+    shape: &FirstShape,
+    state: &State,
+    pass: &mut FieldPass,
+    rate_factor: f32,
+) -> Result<Update, Error> {
+    let fit = shape.fit.step(&state.field, pass, state.step);
+    let gradients: ParamGradients = fit.gradients;
+    let gradient_norm = gradient_norm(&gradients);
+    if !fit.loss.is_finite() {
+        return Err(diverged("the field is not finite while it learns its first shape"));
+    }
+    check_gradients("the field", &gradients)?;
+
+    let steps = config.steps_in(Phase::Start);
+    // A constant rate: one that falls fits the shape better and ends worse, with the webs between fingers and the like,
+    // which are not so sharp otherwise, and which the training does not take back.
+    let schedule = Schedule { warmup: steps / 20, ..Schedule::constant(config.start.rate) };
+    let field_rate = rate_factor * schedule.rate_at(state.step, steps);
+    Ok(Update {
+        report: StepReport { loss: fit.loss, field_rate, gradient_norm, ..StepReport::default() },
+        field: Some(gradients),
+        map: None,
+        part_of_s: None,
+        keep: state.step.is_multiple_of(KEEP_EVERY),
+    })
+}

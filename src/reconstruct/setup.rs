@@ -1,0 +1,139 @@
+//! What a run works on, from the points that are given to the first state.
+
+use super::first_shape::{FirstShape, Samples};
+use super::state::State;
+use super::{Config, Stage};
+use crate::bsp::{Neighbourhood, SurfaceMap};
+use crate::error::Error;
+use crate::field::Field;
+use crate::gdo::Deformation;
+use crate::geometry::{Normalizer, TetGrid, clean_cloud, thin_cloud};
+use crate::random::Random;
+use crate::start::resolution_for_area;
+use rand::seq::SliceRandom;
+
+/// The stream of random numbers that orders the cloud; weights take stream 0, training step i takes i + 1.
+const ORDER_STREAM: u64 = u64::MAX;
+/// A cloud is not thinned to fewer points than these.
+const MIN_THINNED: usize = 64;
+
+/// A checked cloud and the options for it.
+pub(super) struct Prepared {
+    /// Adapted to the number of points.
+    pub config: Config,
+    /// The input points without duplicates, n x 3, input frame.
+    pub input: Vec<[f32; 3]>,
+    /// Points left out as duplicates.
+    pub merged: usize,
+    /// From the input's frame to the working frame.
+    pub normalizer: Normalizer,
+}
+
+/// Checks points (n x 3, any frame) and options.
+pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, Error> {
+    config.validate()?;
+    let clean = clean_cloud(points)?;
+    let normalizer = Normalizer::of(&clean.points)?;
+    Ok(Prepared {
+        config: config.clone().for_points(clean.points.len()),
+        input: clean.points,
+        merged: clean.duplicates_merged,
+        normalizer,
+    })
+}
+
+/// What a run works on. It follows from the input points and the options; no step changes it.
+pub(super) struct Setup {
+    pub config: Config,
+    /// The input points, distinct, input frame.
+    pub input: Vec<[f32; 3]>,
+    pub normalizer: Normalizer,
+    /// The working points, n x 3, working frame: the input points, thinned if there are many, and without the noise
+    /// that was found.
+    pub cloud: Vec<[f32; 3]>,
+    /// A permutation of the working points (n), in which steps go through a cloud that is too large for one.
+    pub order: Vec<u32>,
+    /// The parts in which S is made; none without a map.
+    pub blocks: Vec<Neighbourhood>,
+    /// The shape that the field learns first; none where it starts as a sphere.
+    pub shape: Option<FirstShape>,
+    /// Points on that shape for S to cover in its pretraining.
+    pub samples: Option<Samples>,
+}
+
+impl Setup {
+    /// Thins the cloud, finds the first shape and the points without their noise, and builds field, map and blocks on
+    /// them.
+    ///
+    /// # Errors
+    /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if no first shape is found.
+    pub fn new(prepared: Prepared) -> Result<(Setup, State), Error> {
+        let Prepared { config, input, normalizer, .. } = prepared;
+        let given = thinned(normalizer.forward(&input), &config);
+        let shape = FirstShape::find(&given, &config)?;
+        let denoised = shape.as_ref().and_then(|shape| shape.denoised.as_ref());
+        let cloud = denoised.map_or(given, |denoised| denoised.points.clone());
+
+        let mut rng = Random::new(config.seed);
+        let field = initial_field(&config, &mut rng);
+        let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
+        let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
+        rng.set_stream(ORDER_STREAM);
+        order.shuffle(rng.source());
+
+        let normals = shape.as_ref().map(|shape| &shape.normals[..]);
+        let size = config.batch.centres;
+        let blocks = map.as_ref().map_or_else(Vec::new, |map| map.blocks(&cloud, normals, size));
+        let points_of_s = map.as_ref().map_or(0, |map| map.surface_len(cloud.len()));
+        let samples = match &shape {
+            Some(shape) => Some(Samples::of(&shape.mesh, &cloud, points_of_s, config.seed)?),
+            None => None,
+        };
+        let state = State::new(field, map, points_of_s);
+        Ok((Setup { config, input, normalizer, cloud, order, blocks, shape, samples }, state))
+    }
+
+    /// The grid resolution of a step of the training proper: that of its stage, changed by the area of the first shape.
+    pub fn resolution_at(&self, step: usize) -> usize {
+        let mut end = 0;
+        let stages = &self.config.stages;
+        let in_stage = |s: &&Stage| {
+            end += s.steps;
+            step < end
+        };
+        let resolution = stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution);
+        let area = self.shape.as_ref().map_or(f64::INFINITY, |shape| shape.area);
+        resolution_for_area(resolution, area, self.config.reference_area)
+    }
+
+    /// How far the working points were moved to take their noise off: the root of the mean square, working frame.
+    pub fn noise_removed(&self) -> f64 {
+        let denoised = self.shape.as_ref().and_then(|shape| shape.denoised.as_ref());
+        denoised.map_or(0.0, |denoised| denoised.moved)
+    }
+}
+
+/// The points of a large cloud that training works with.
+fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
+    let finest = config.stages.iter().map(|s| s.resolution).max();
+    let grid = finest.and_then(|resolution| TetGrid::working_frame(resolution).ok());
+    match grid {
+        Some(grid) if config.batch.thin > 0.0 && cloud.len() > config.batch.points => {
+            let kept = thin_cloud(&cloud, config.batch.thin * grid.spacing());
+            // A heap of points and a far outlier would become a few points.
+            if kept.len() < MIN_THINNED {
+                return cloud;
+            }
+            kept.into_iter().map(|i| cloud[i as usize]).collect()
+        }
+        _ => cloud,
+    }
+}
+
+/// The field as its initial weights make it.
+pub(super) fn initial_field(config: &Config, rng: &mut Random) -> Field {
+    match config.deformation {
+        Deformation::Offset => Field::with_offset(config.field, rng),
+        _ => Field::new(config.field, rng),
+    }
+}
