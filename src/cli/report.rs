@@ -82,7 +82,10 @@ pub fn topology_text(t: &Topology) -> String {
     );
     if t.boundary_edges > 0 {
         let plural = if t.boundary_loops == 1 { "" } else { "s" };
-        text += &format!("            {} boundary edges in {} loop{plural}\n", t.boundary_edges, t.boundary_loops);
+        text += &format!(
+            "            {} boundary edges in {} loop{plural}\n",
+            t.boundary_edges, t.boundary_loops
+        );
     }
     for (count, what) in [
         (t.nonmanifold_edges, "non-manifold edges"),

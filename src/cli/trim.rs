@@ -13,18 +13,18 @@ use super::json::Object;
 #[derive(Debug, Args)]
 pub struct TrimArgs {
     /// Cut away what is farther from the nearest point than FACTOR times the spacing of the points there, fill the
-    /// small holes that this leaves, and drop scraps; the mesh is open then [FACTOR if left out: 2]
+    /// small holes that this leaves, and drop scraps; the mesh is open then [FACTOR if left out: 1]
     #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = DEFAULT, value_parser = factor)]
     pub trim: Option<f32>,
 }
 
 /// [`TRIM_FACTOR`] as text.
-const DEFAULT: &str = "2";
-const _: () = assert!(TRIM_FACTOR == 2.0);
+const DEFAULT: &str = "1";
+const _: () = assert!(TRIM_FACTOR == 1.0);
 
 fn factor(text: &str) -> Result<f32, String> {
     let number = text.parse::<f32>().ok().filter(|f| *f > 0.0 && f.is_finite());
-    number.ok_or_else(|| "a number above 0 expected; before a file name write --trim=2".into())
+    number.ok_or_else(|| "a number above 0 expected; before a file name write --trim=1".into())
 }
 
 /// What is left of a mesh, and how much was cut away.
@@ -42,7 +42,10 @@ impl TrimArgs {
         if mesh.faces.is_empty() {
             return Err(Failure::from(nothing_left(factor)));
         }
-        common.note(&format!("cut away {:.1} % of the area: the mesh is open where no point is near", 100.0 * removed));
+        common.note(&format!(
+            "cut away {:.1} % of the area: the mesh is open where no point is near",
+            100.0 * removed
+        ));
         Ok(Part { mesh, cut: Some((factor, removed)) })
     }
 }

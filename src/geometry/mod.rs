@@ -19,8 +19,8 @@ pub use grid::{
     ActiveSet, BandTopology, FieldFn, Isosurface, NarrowBandOptions, TetGrid, active_set, extract,
     interpolate, march,
 };
-pub(crate) use mesh::{connected, cumulative_areas};
 pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
+pub(crate) use mesh::{connected, cumulative_areas};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
 pub use shapes::Shape;

@@ -1,14 +1,16 @@
 //! A closed surface cut where no point speaks for it, along smooth lines.
 
+use super::Support;
 use crate::geometry::vec3::{self, triangle_normal};
 use crate::geometry::{TriangleMesh, connected};
 use std::collections::HashMap;
 
-/// The [`support`](super::support) beyond which a surface is cut away, unless another one is asked for.
-pub const TRIM_FACTOR: f32 = 2.0;
-/// Holes that a cut would leave in what is kept, and scraps of what is kept, are left uncut and dropped below this share
-/// of the whole area (the island ratio of Kazhdan's SurfaceTrimmer).
-const ISLAND: f64 = 0.001;
+/// The [`gap`](Support::gap) beyond which a surface is cut away, unless another one is asked for.
+pub const TRIM_FACTOR: f32 = 1.0;
+/// A hole of less area than this many squares of the spacing is not cut: even random points leave such.
+const HOLE: f64 = 4.0;
+/// What is left in a piece of less area than this, as many squares of the spacing, is dropped: some ten points.
+const SCRAP: f64 = 10.0;
 /// How near to the end of an edge it is cut, at most, as a share of its length: triangles without area are none.
 const MARGIN: f32 = 1e-3;
 
@@ -17,40 +19,39 @@ const MARGIN: f32 = 1e-3;
 pub struct Trimmed {
     /// What is left: the faces and vertices that are kept, in their order, and those along the cut.
     pub mesh: TriangleMesh,
-    /// The support of each vertex, v.
-    pub support: Vec<f32>,
+    /// The [`gap`](Support::gap) of each vertex, v.
+    pub gap: Vec<f32>,
     /// The share of the area that was cut away, 0 to 1.
     pub removed: f64,
 }
 
-/// Cuts off `mesh` what has a support above `factor`, given the `support` of its vertices (v).
+/// Cuts off `mesh` what has a gap above `factor`, given the `support` of its vertices (v).
 ///
-/// Faces that the limit runs through are cut along it, so that the boundary is a smooth line and not a saw. Holes below
-/// a thousandth of the area are not cut, and pieces below that are dropped. Where `mesh` is a manifold the result is
-/// one, its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is `mesh` itself.
+/// Faces that the limit runs through are cut along it, so that the boundary is a smooth line and not a saw. A hole below
+/// 4 squares of the spacing is not cut, and a piece below 10 is dropped. Where `mesh` is a manifold the result is one,
+/// its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is `mesh` itself, but
+/// for pieces that are dropped.
 ///
 /// # Panics
 /// If there is not one support a vertex, or a face names a vertex that is not there.
 #[track_caller]
-pub fn trim(mesh: &TriangleMesh, support: &[f32], factor: f32) -> Trimmed {
-    assert!(support.len() == mesh.verts.len(), "trim: {} supports, {} vertices", support.len(), mesh.verts.len());
-    let areas = vertex_areas(mesh);
-    let limit = ISLAND * areas.iter().sum::<f64>();
-    let mut kept: Vec<bool> = support.iter().map(|&s| s <= factor).collect();
+pub fn trim(mesh: &TriangleMesh, support: &Support, factor: f32) -> Trimmed {
+    let Support { gap, spacing } = support;
+    let v = mesh.verts.len();
+    assert!(gap.len() == v && spacing.len() == v, "trim: {} supports, {v} vertices", gap.len());
+    let mut squares = vertex_areas(mesh);
+    squares.iter_mut().zip(spacing).for_each(|(area, &s)| *area /= f64::from(s) * f64::from(s));
+    let mut kept: Vec<bool> = gap.iter().map(|&g| g <= factor).collect();
     // Holes first: what they join is no scrap.
-    for side in [false, true] {
+    for (side, limit) in [(false, HOLE), (true, SCRAP)] {
         let parts = parts_of(mesh, &kept);
-        let mut area: HashMap<u32, f64> = HashMap::new();
-        for (v, &part) in parts.iter().enumerate().filter(|&(v, _)| kept[v] == side) {
-            *area.entry(part).or_default() += areas[v];
-        }
-        for (v, part) in parts.iter().enumerate() {
-            if kept[v] == side && area[part] < limit {
-                kept[v] = !side;
-            }
+        let mut size = vec![0.0; v];
+        parts.iter().zip(&squares).for_each(|(&part, area)| size[part as usize] += area);
+        for (kept, part) in kept.iter_mut().zip(parts) {
+            *kept ^= *kept == side && size[part as usize] < limit;
         }
     }
-    cut(mesh, support, factor, &kept)
+    cut(mesh, gap, factor, &kept)
 }
 
 /// A third of the area of the faces around each vertex.
@@ -75,18 +76,18 @@ fn parts_of(mesh: &TriangleMesh, kept: &[bool]) -> Vec<u32> {
 }
 
 /// The part of the mesh on the side of the vertices that are kept.
-fn cut(mesh: &TriangleMesh, support: &[f32], factor: f32, kept: &[bool]) -> Trimmed {
+fn cut(mesh: &TriangleMesh, gap: &[f32], factor: f32, kept: &[bool]) -> Trimmed {
     let mut out = TriangleMesh { verts: mesh.verts.clone(), faces: Vec::new() };
-    let mut values = support.to_vec();
+    let mut values = gap.to_vec();
     let mut crossings: HashMap<[u32; 2], u32> = HashMap::new();
     // The vertex between one that is kept and one that is not.
     let mut between = |v: u32, w: u32, out: &mut TriangleMesh| {
         *crossings.entry([v, w]).or_insert_with(|| {
             let (i, j) = (v as usize, w as usize);
-            let t = crossing(support[i], support[j], factor);
+            let t = crossing(gap[i], gap[j], factor);
             let (p, q) = (mesh.verts[i], mesh.verts[j]);
             out.verts.push(std::array::from_fn(|k| p[k] + t * (q[k] - p[k])));
-            values.push(support[i] + t * (support[j] - support[i]));
+            values.push(gap[i] + t * (gap[j] - gap[i]));
             out.verts.len() as u32 - 1
         })
     };
@@ -113,12 +114,12 @@ fn cut(mesh: &TriangleMesh, support: &[f32], factor: f32, kept: &[bool]) -> Trim
     let left: f64 = out.faces.iter().map(|f| face_area(f.map(|v| out.verts[v as usize]))).sum();
     let mut used = vec![false; out.verts.len()];
     out.faces.iter().flatten().for_each(|&v| used[v as usize] = true);
-    let support = values.iter().zip(&used).filter(|(_, used)| **used).map(|(&s, _)| s).collect();
+    let gap = values.iter().zip(&used).filter(|(_, used)| **used).map(|(&s, _)| s).collect();
     out.remove_unused_verts();
-    Trimmed { mesh: out, support, removed: if whole > 0.0 { (1.0 - left / whole).clamp(0.0, 1.0) } else { 0.0 } }
+    Trimmed { mesh: out, gap, removed: if whole > 0.0 { (1.0 - left / whole).clamp(0.0, 1.0) } else { 0.0 } }
 }
 
-/// Where the support passes the factor on the way from a vertex that is kept to one that is not; the middle where it
+/// Where the gap passes the factor on the way from a vertex that is kept to one that is not; the middle where it
 /// does not, because one of them is on its side for the sake of its neighbours.
 fn crossing(kept: f32, dropped: f32, factor: f32) -> f32 {
     let t = (factor - kept) / (dropped - kept);
@@ -136,6 +137,11 @@ mod tests {
         let grid = TetGrid::working_frame(24).unwrap();
         let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(|&p| shape.sdf(p)).collect::<Vec<f32>>());
         extract(&grid, &mut eval, &NarrowBandOptions::default()).unwrap()
+    }
+
+    /// Points as far apart as a 60th of the side of the frame, with these gaps.
+    fn gaps(gap: Vec<f32>) -> Support {
+        Support { spacing: vec![1.0 / 60.0; gap.len()], gap }
     }
 
     /// Each vertex of the boundary has one edge in and one out, so that the boundary is made of closed loops; no edge
@@ -156,45 +162,42 @@ mod tests {
         assert_eq!(topology.degenerate_faces, 0);
     }
 
-    /// The height over a plane stands for the support: the cut is a circle, and the area below it is known.
+    /// The height over a plane stands for the gap: the cut is a circle, and the area below it is known.
     #[test]
     fn a_sphere_is_cut_along_a_circle() {
         let sphere = meshed(Shape::Sphere { radius: 0.4 });
         let height: Vec<f32> = sphere.verts.iter().map(|p| p[2] + 0.4).collect();
-        let Trimmed { mesh, support, removed } = trim(&sphere, &height, 0.5);
+        let Trimmed { mesh, gap, removed } = trim(&sphere, &gaps(height), 0.5);
         assert_clean(&mesh);
         let topology = mesh.topology();
         // A disc.
         assert_eq!((topology.components, topology.euler, topology.boundary_loops), (1, 1, 1));
         // Of the height 0.8 of the sphere 0.5 is left, and area is as height.
         assert!((removed - 0.375).abs() < 0.01, "{removed}");
-        assert!(support.iter().all(|&s| s <= 0.5 + 1e-3));
-        let onto = mesh.verts.iter().zip(&support).map(|(p, s)| (p[2] + 0.4 - s).abs()).fold(0.0, f32::max);
+        assert!(gap.iter().all(|&g| g <= 0.5 + 1e-3));
+        let onto = mesh.verts.iter().zip(&gap).map(|(p, g)| (p[2] + 0.4 - g).abs()).fold(0.0, f32::max);
         assert!(onto < 1e-6, "{onto}");
     }
 
     #[test]
     fn nothing_beyond_the_factor_leaves_the_mesh_and_all_of_it_nothing() {
         let torus = meshed(Shape::Torus { major: 0.3, minor: 0.12 });
-        let all = trim(&torus, &vec![1.0; torus.verts.len()], 2.0);
-        assert!(all.mesh == torus && all.removed == 0.0 && all.support.len() == torus.verts.len());
-        let none = trim(&torus, &vec![3.0; torus.verts.len()], 2.0);
-        assert!(none.mesh == TriangleMesh::default() && none.removed == 1.0 && none.support.is_empty());
+        let all = trim(&torus, &gaps(vec![1.0; torus.verts.len()]), 2.0);
+        assert!(all.mesh == torus && all.removed == 0.0 && all.gap.len() == torus.verts.len());
+        let none = trim(&torus, &gaps(vec![3.0; torus.verts.len()]), 2.0);
+        assert!(none.mesh == TriangleMesh::default() && none.removed == 1.0 && none.gap.is_empty());
     }
 
     #[test]
     fn small_holes_are_kept_and_scraps_are_not() {
         let sphere = meshed(Shape::Sphere { radius: 0.4 });
-        let near = |p: &[f32; 3], z: f32| p[0].hypot(p[1]) < 0.02 && p[2] * z > 0.0;
+        let near = |p: &[f32; 3], z: f32| p[0].hypot(p[1]) < 0.015 && p[2] * z > 0.0;
         let hole: Vec<f32> = sphere.verts.iter().map(|p| if near(p, 1.0) { 9.0 } else { 0.5 }).collect();
         assert!(hole.contains(&9.0));
-        assert!(trim(&sphere, &hole, 2.0).mesh == sphere);
-        let scrap: Vec<f32> = sphere
-            .verts
-            .iter()
-            .map(|p| if near(p, 1.0) || p[2] < 0.0 { 0.5 } else { 9.0 })
-            .collect();
-        let left = trim(&sphere, &scrap, 2.0).mesh;
+        assert!(trim(&sphere, &gaps(hole), 2.0).mesh == sphere);
+        let scrap: Vec<f32> =
+            sphere.verts.iter().map(|p| if near(p, 1.0) || p[2] < 0.0 { 0.5 } else { 9.0 }).collect();
+        let left = trim(&sphere, &gaps(scrap), 2.0).mesh;
         assert_clean(&left);
         assert_eq!((left.topology().components, left.topology().boundary_loops), (1, 1));
         assert!(left.verts.iter().all(|p| p[2] < 0.1));
@@ -203,7 +206,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(32))]
 
-        /// Waves in space as the support: islands, isthmuses and holes of all sizes.
+        /// Waves in space as the gap: islands, isthmuses and holes of all sizes.
         #[test]
         fn what_is_left_of_a_manifold_is_one(
             waves in prop::collection::vec(prop::array::uniform4(-9.0f32..9.0), 1..5),
@@ -212,11 +215,11 @@ mod tests {
             let sphere = meshed(Shape::Torus { major: 0.3, minor: 0.12 });
             let wave = |p: &[f32; 3], w: &[f32; 4]| (w[0] * p[0] + w[1] * p[1] + w[2] * p[2] + w[3]).sin();
             let at = |p: &[f32; 3]| 1.0 + waves.iter().map(|w| wave(p, w)).sum::<f32>() / waves.len() as f32;
-            let support: Vec<f32> = sphere.verts.iter().map(at).collect();
-            let trimmed = trim(&sphere, &support, factor);
+            let gap: Vec<f32> = sphere.verts.iter().map(at).collect();
+            let trimmed = trim(&sphere, &gaps(gap), factor);
             if !trimmed.mesh.faces.is_empty() {
                 assert_clean(&trimmed.mesh);
-                prop_assert_eq!(trimmed.support.len(), trimmed.mesh.verts.len());
+                prop_assert_eq!(trimmed.gap.len(), trimmed.mesh.verts.len());
             }
         }
     }
