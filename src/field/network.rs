@@ -1,12 +1,12 @@
-//! The field network over a block of points: values, spatial gradient and the way back to the weights, without a tape.
+//! The field network over a block of points: values, spatial gradient and the gradients of the weights, without a tape.
 //!
 //! The arithmetic is that of [`Field::outputs`], which writes it with tape operations and is its twin in the tests.
 //! Here every layer is a few matrix products with one pass over the block between them, so that what a layer works
 //! on stays in the processor's cache and nothing is allocated once the buffers have grown.
 //!
-//! With x_0 the encoding, z_l = x_l W_l + b_l and x_(l+1) = act(z_l), the forward half keeps the slopes
+//! With x_0 the encoding, z_l = x_l W_l + b_l and x_(l+1) = act(z_l), the forward pass keeps the slopes
 //! s_l = act'(z_l) and sweeps once from the last layer down: r_l = (s_l * r_(l+1)) W_l^T, where r_depth is the last
-//! weight column; r_0, taken through the encoding, is grad g. The way back runs through that sweep from the encoding
+//! weight column; r_0, taken through the encoding, is grad g. The backward pass runs through that sweep from the encoding
 //! up, which leaves what reaches z_l through its slope, and then through the layers from the last one down. That makes
 //! six products a layer.
 
@@ -106,7 +106,7 @@ pub(super) struct Network<'a> {
     pub weights: &'a PackedWeights,
 }
 
-/// What the forward half keeps of a block for the way back.
+/// What the forward pass keeps of a block for the backward pass.
 #[derive(Default)]
 pub(super) struct Block {
     rows: usize,
@@ -124,11 +124,11 @@ struct Hidden {
     out: Vec<f32>,
     /// s_l.
     slope: Vec<f32>,
-    /// r_(l+1), the adjoint of `out`; on the way back, what reaches z_l through its slope.
+    /// r_(l+1), the adjoint of `out`; in the backward pass, what reaches z_l through its slope.
     adjoint: Vec<f32>,
 }
 
-/// Memory for what lives only within a block's forward or backward half; can serve one block after the other.
+/// Memory for what lives only within a block's forward or backward pass; can serve one block after the other.
 #[derive(Default)]
 pub(super) struct Scratch {
     angles: [Vec<f32>; 3],
@@ -178,7 +178,7 @@ impl Block {
         bytes_of([&self.encoding, &self.joined].into_iter().chain(hidden))
     }
 
-    /// About what a block of `rows` points keeps between its halves, in bytes.
+    /// About what a block of `rows` points keeps between its passes, in bytes.
     pub(super) fn bytes(config: &FieldConfig, rows: usize) -> usize {
         let joined = config.skip.map_or(0, |_| config.width + config.encoding_cols());
         rows * size_of::<f32>() * (3 * config.width * config.depth + config.encoding_cols() + joined)
@@ -262,7 +262,7 @@ impl Block {
         copy_columns(out, 1, &scratch.outputs, outputs, 0, 1.0);
     }
 
-    /// What the way back needs at n points (working frame), and all values there if asked for.
+    /// What the backward pass needs at n points (working frame), and all values there if asked for.
     pub(super) fn forward(
         &mut self,
         network: Network<'_>,
@@ -325,8 +325,8 @@ impl Block {
         }
     }
 
-    /// Writes the parameters' gradients from those at the values of the last forward half to `total`, which holds
-    /// weight and bias of layer after layer. Can be called once for each forward half.
+    /// Writes the parameters' gradients from those at the values of the last forward pass to `total`, which holds
+    /// weight and bias of layer after layer. Can be called once for each forward pass.
     pub(super) fn backward(
         &mut self,
         network: Network<'_>,

@@ -35,7 +35,7 @@ pub struct FieldPass {
     verts: Vec<[f32; 3]>,
     /// Blocks of the last forward pass that are kept.
     kept: usize,
-    /// Bytes that may be kept between the halves.
+    /// Bytes that may be kept between the passes.
     limit: Option<usize>,
     /// Parameter gradients of the blocks of a wave, all parameters in one row.
     gradients: Vec<Vec<f32>>,
@@ -50,7 +50,7 @@ impl FieldPass {
         Self::default()
     }
 
-    /// A pass that keeps at most about `bytes` of activations between its two halves.
+    /// A pass that keeps at most about `bytes` of activations between its two passes.
     pub fn with_memory(bytes: usize) -> Self {
         FieldPass { limit: Some(bytes), ..Self::default() }
     }
