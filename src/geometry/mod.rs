@@ -11,6 +11,7 @@ mod marching;
 mod mesh;
 mod narrow_band;
 mod nearest;
+mod position;
 mod sample;
 mod shapes;
 mod sphere;
@@ -27,12 +28,13 @@ pub use marching::{BandTopology, Isosurface, march};
 pub use mesh::TriangleMesh;
 pub use narrow_band::{ActiveSet, FieldFn, NarrowBandOptions, active_set, extract, interpolate};
 pub use nearest::{PointTree, nearest_points};
+pub use position::{Position, about, are_f32, widened};
 pub use sample::{SurfaceSamples, farthest_point_sample, sample_surface};
 pub use shapes::Shape;
 pub use sphere::fibonacci_sphere;
 pub use tet_grid::TetGrid;
 pub use thin::thin_cloud;
-pub use topology::{MeshComponent, Topology};
+pub use topology::{MeshComponent, Topology, shortest, significant};
 
 /// Squared distance, summed x, y, z in that order; every neighbour search ranks by exactly these bits.
 #[inline]

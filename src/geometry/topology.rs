@@ -38,7 +38,7 @@ pub struct Topology {
     pub area: f64,
     /// Least and greatest coordinates over all vertices, NaN on an axis where a coordinate is NaN; none if there are
     /// no vertices.
-    pub bounds: Option<[[f32; 3]; 2]>,
+    pub bounds: Option<[[f64; 3]; 2]>,
     /// Faces that name a vertex twice or have no area.
     pub degenerate_faces: usize,
 }
@@ -63,11 +63,37 @@ impl fmt::Display for Topology {
                 write!(f, ", {count} {what}")?;
             }
         }
-        write!(f, "; volume {:.6}, area {:.6}", self.volume, self.area)?;
-        if let Some([lo, hi]) = self.bounds {
-            write!(f, "; from {lo:?} to {hi:?}")?;
+        write!(f, "; volume {}, area {}", significant(self.volume), significant(self.area))?;
+        if let Some(corners) = self.bounds {
+            let [lo, hi] = corners.map(|c| c.map(shortest).join(", "));
+            write!(f, "; from [{lo}] to [{hi}]")?;
         }
         Ok(())
+    }
+}
+
+/// A figure with seven significant digits, with an exponent where it is very small or large.
+pub fn significant(x: f64) -> String {
+    if x == 0.0 || !x.is_finite() {
+        return format!("{x}");
+    }
+    let text = format!("{x:.6e}");
+    let exponent: i32 = text.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
+    match exponent {
+        -4..7 => format!("{x:.0$}", (6 - exponent) as usize),
+        _ => text,
+    }
+}
+
+/// The shortest digits of a coordinate: those of 32 bits where these hold it exactly.
+pub fn shortest(x: f64) -> String {
+    let narrow = x as f32;
+    let small = x != 0.0 && !(1e-5..1e16).contains(&x.abs());
+    match (f64::from(narrow) == x, small) {
+        (true, false) => format!("{narrow}"),
+        (true, true) => format!("{narrow:e}"),
+        (false, false) => format!("{x}"),
+        (false, true) => format!("{x:e}"),
     }
 }
 
@@ -125,7 +151,7 @@ impl TriangleMesh {
             oriented: usage.oriented,
             volume,
             area,
-            bounds: self.extent(),
+            bounds: self.extent().map(|corners| corners.map(|c| c.map(f64::from))),
             degenerate_faces,
         }
     }
@@ -418,7 +444,7 @@ mod tests {
         assert_eq!(t.bounds, Some([[1000.0; 3], [1001.0; 3]]));
         let text = t.to_string();
         assert!(text.starts_with(
-            "4 vertices, 6 edges, 4 faces; 1 component, Euler number 2, genus 0; closed, oriented; volume 0.166667"
+            "4 vertices, 6 edges, 4 faces; 1 component, Euler number 2, genus 0; closed, oriented; volume 0.1666667, area 2.366025; from [1000, 1000, 1000] to [1001, 1001, 1001]"
         ));
     }
 
@@ -447,7 +473,7 @@ mod tests {
 
     #[test]
     fn the_empty_mesh() {
-        let mut empty = TriangleMesh::default();
+        let mut empty: TriangleMesh = TriangleMesh::default();
         let t = empty.topology();
         assert_eq!((t.components, t.euler, t.closed, t.genus, t.bounds), (0, 0, false, None, None));
         assert!(empty.vertex_normals().is_empty() && empty.split_components().is_empty());

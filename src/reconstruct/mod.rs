@@ -13,6 +13,7 @@ mod bridges;
 mod checkpoint;
 mod coded;
 mod config;
+mod far;
 mod first_shape;
 mod model;
 mod objective;
@@ -20,6 +21,10 @@ mod options;
 mod phases;
 mod preset;
 mod run;
+#[cfg(feature = "checkpoint")]
+mod saved;
+#[cfg(feature = "checkpoint")]
+mod saved_cloud;
 #[cfg(feature = "checkpoint")]
 mod saved_options;
 mod scale;
@@ -34,6 +39,8 @@ pub use model::Reconstruction;
 pub use phases::Phase;
 pub use preset::Preset;
 pub use run::{Event, reconstruct};
+#[cfg(feature = "checkpoint")]
+pub use saved::{Saved, SavedKind};
 pub use step::StepReport;
 pub use trainer::Trainer;
 

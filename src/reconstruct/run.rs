@@ -2,6 +2,7 @@
 
 use super::{Config, Reconstruction, StepReport, Trainer};
 use crate::error::{Error, ErrorKind};
+use crate::geometry::Position;
 use std::ops::ControlFlow;
 
 /// What a run tells while it goes.
@@ -30,7 +31,9 @@ pub enum Event<'a> {
     },
 }
 
-/// Reconstructs the surface that `points` (n x 3, any frame) were taken from.
+/// Reconstructs the surface that `points` (n x 3, any frame, of 32 or 64 bits) were taken from.
+///
+/// Coordinates may be large or small and far from the origin: the work is done about the middle of the cloud.
 ///
 /// `on_event` sees every event and ends the run by returning [`ControlFlow::Break`]. For a run that is stopped early
 /// and still gives a result, or that is saved on its way, drive a [`Trainer`] instead.
@@ -38,8 +41,8 @@ pub enum Event<'a> {
 /// # Errors
 /// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::Cancelled`] if the
 /// callback said so, [`ErrorKind::Diverged`] or [`ErrorKind::NoSurface`] if training failed four times.
-pub fn reconstruct(
-    points: &[[f32; 3]],
+pub fn reconstruct<P: Position>(
+    points: &[P],
     config: &Config,
     on_event: &mut dyn FnMut(&Event<'_>) -> ControlFlow<()>,
 ) -> Result<Reconstruction, Error> {

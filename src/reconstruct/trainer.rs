@@ -9,7 +9,7 @@ use super::{Config, Phase, Reconstruction};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
 use crate::gdo::{Deformation, Field};
-use crate::geometry::{Normalizer, TetGrid, clean_cloud, thin_cloud};
+use crate::geometry::{Normalizer, Position, TetGrid, clean_cloud, thin_cloud};
 use crate::nn::Params;
 use crate::optim::{Adam, AdamOptions};
 use rand::SeedableRng;
@@ -26,13 +26,13 @@ pub(super) struct Prepared {
     /// Adapted to the number of points.
     pub config: Config,
     /// Distinct points, input frame.
-    pub input: Vec<[f32; 3]>,
+    pub input: Vec<[f64; 3]>,
     /// Points left out as duplicates.
     pub merged: usize,
     pub normalizer: Normalizer,
 }
 
-pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, Error> {
+pub(super) fn prepare<P: Position>(points: &[P], config: &Config) -> Result<Prepared, Error> {
     config.validate()?;
     let clean = clean_cloud(points)?;
     let normalizer = Normalizer::of(&clean.points)?;
@@ -101,7 +101,7 @@ pub(super) struct Snapshot {
 pub struct Trainer {
     pub(super) config: Config,
     /// Distinct points, input frame.
-    pub(super) input: Vec<[f32; 3]>,
+    pub(super) input: Vec<[f64; 3]>,
     pub(super) normalizer: Normalizer,
     /// Distinct points, working frame, thinned if there are many, and without their noise once the first shape is
     /// found.
@@ -132,14 +132,15 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Training for the cloud `points` (n x 3, any frame): checks the cloud and finds the shape that the field is to
+    /// Training for the cloud `points` (n x 3, any frame, of 32 or 64 bits): checks the cloud and finds the shape that the field is to
     /// learn first. All learning is left to the steps.
     ///
     /// # Errors
     /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
     /// no first shape is found.
-    pub fn new(points: &[[f32; 3]], config: &Config) -> Result<Self, Error> {
-        rayon::scope(|_| Self::from_prepared(prepare(points, config)?))
+    pub fn new<P: Position>(points: &[P], config: &Config) -> Result<Self, Error> {
+        let prepared = prepare(points, config)?;
+        rayon::scope(|_| Self::from_prepared(prepared))
     }
 
     pub(super) fn from_prepared(prepared: Prepared) -> Result<Self, Error> {
