@@ -49,6 +49,7 @@
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
 //! - [`scene`]: what of a surface the points speak for, and the rest cut away.
+//! - [`start`]: strays among the points, and what kind of sampling they are.
 //! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).
 //! - [`gdo`]: the move of grid vertices along the field, and the differentiable surface.
 //! - [`field`]: the field g and its spatial gradient.
@@ -80,7 +81,7 @@ mod random;
 pub mod reconstruct;
 pub mod scene;
 mod simd;
-mod start;
+pub mod start;
 pub mod tensor;
 
 pub use error::{Error, ErrorKind};

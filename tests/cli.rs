@@ -192,7 +192,7 @@ fn the_figures_of_the_parameterization_are_told_and_drawn() {
     assert_eq!((points.len(), codes.len(), &own), (60, 60, &colours));
     for (code, colour) in codes.iter().zip(&colours) {
         for (x, c) in code.iter().zip(colour) {
-            assert!((127.5 * (x + 1.0) - f32::from(*c)).abs() <= 0.51, "{code:?} {colour:?}");
+            assert!((127.5 * (x + 1.0) - f64::from(*c)).abs() <= 0.51, "{code:?} {colour:?}");
         }
     }
     let ((surface, own), (patches, colours)) = (read("surface"), read("patches"));

@@ -2,7 +2,7 @@
 
 use bijective_sdf::bsp::{Coverage, Parameterization};
 use bijective_sdf::evaluate::{GroundTruth, Options, PointsReport, evaluate_points};
-use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, TriangleMesh, extract};
+use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, TriangleMesh, about, extract};
 use bijective_sdf::{Config, Preset, reconstruct};
 
 /// What S came to in a run, and how it and the points lie to the truth.
@@ -18,7 +18,8 @@ fn seen_after_training(shape: Shape, n: usize, config: &Config) -> Seen {
     let (points, _) = shape.sample(n, 1);
     let result = reconstruct(&points, config).unwrap();
     let truth = true_mesh(&shape);
-    let sets: [&[[f32; 3]]; 2] = [result.cloud(), &result.surface_points()];
+    let sets = [about(result.cloud(), [0.0; 3]), about(&result.surface_points(), [0.0; 3])];
+    let sets: [&[[f32; 3]]; 2] = [&sets[0], &sets[1]];
     let reports = evaluate_points(GroundTruth::Mesh(&truth), &sets, &Options::shape()).unwrap();
     Seen { coverage: *result.coverage().expect("an S"), q: reports[0], s: reports[1] }
 }

@@ -189,7 +189,7 @@ proptest! {
         prop_assert_eq!(cloud.points.len(), points.len(), "{}", text);
         for (read, written) in cloud.points.iter().zip(&points) {
             for axis in 0..3 {
-                let off = (f64::from(read[axis]) - written[axis]).abs();
+                let off = (read[axis] - written[axis]).abs();
                 prop_assert!(off <= 0.6 * 0.1_f64.powi(dialect.digits as i32) + 1e-6, "{}", text);
             }
         }
@@ -214,7 +214,7 @@ proptest! {
         let cloud = answers(bytes, None).expect("a sound file");
         prop_assert_eq!(cloud.points.len(), points.len());
         prop_assert!(cloud.warnings.is_empty(), "{:?}", cloud.warnings);
-        prop_assert!((f64::from(cloud.points[3][1]) - points[3][1]).abs() < 1e-5);
+        prop_assert!((cloud.points[3][1] - points[3][1]).abs() < 1e-5);
         let damaged = damage(bytes, kind, at, byte);
         answers(&damaged, Some(*format));
         // Bytes cut off at the end: fewer points are an error, or told. An OBJ file does not say how many it has.

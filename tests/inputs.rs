@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use bijective_sdf::geometry::Shape;
-use bijective_sdf::io::write_cloud;
+use bijective_sdf::io::{read_cloud, read_mesh, write_cloud};
 
 #[allow(dead_code)]
 mod common;
@@ -189,4 +189,75 @@ fn what_is_left_out_is_told_even_when_quiet() {
     let far = dir.text("far.xyz", "0 0 0\n0 0 0\n0 0 0\n0.5 0.25 -9999\n");
     assert_eq!(out(&run(program().arg("sdf").arg(&field).arg(&far), 0)).lines().count(), 4);
     assert!(fs::metadata(&field).is_ok());
+}
+
+#[test]
+fn map_coordinates_are_written_with_their_offset() {
+    let dir = Dir::new("maps");
+    let at = [450_123.4, 5_411_234.6, 320.0];
+    let cloud = file(&dir, "map.xyz", "", |_, p| {
+        let [x, y, z] = [0, 1, 2].map(|a| f64::from(p[a]) + at[a]);
+        format!("{x} {y} {z}")
+    });
+    let json = info(&cloud, &[]);
+    let offset: Vec<f64> = json.at("offset").as_array().unwrap().iter().map(Known::number).collect();
+    assert!((0..3).all(|a| (offset[a] - at[a]).abs() < 3.0 && offset[a].fract() == 0.0), "{offset:?}");
+    let mut written = Vec::new();
+    for name in ["mesh.ply", "mesh.obj", "mesh.stl"] {
+        let mesh = dir.path(name);
+        let output = run(tiny(&cloud, &mesh).args(["--json", "--preview"]).arg(dir.path("a.png")), 0);
+        let json = parse(&out(&output));
+        assert_eq!(
+            json.at("offset").as_array().unwrap().iter().map(Known::number).collect::<Vec<_>>(),
+            offset
+        );
+        assert!(err(&output).contains("about the offset (450"), "{}", err(&output));
+        assert_eq!(err(&output).contains("less the offset"), name == "mesh.stl", "{}", err(&output));
+        let centre = json.at("mesh").at("bounds")[0][1].number();
+        assert!((centre - at[1]).abs() < 3.0, "{centre}");
+        assert!(json.at("mesh").at("volume").number() > 0.5);
+        written.push(read_mesh(&mesh).unwrap());
+    }
+    assert_eq!(written[0], written[1]);
+    for (far, near) in written[0].verts.iter().zip(&written[2].verts) {
+        // STL keeps no order of vertices, but these are written in the order of the faces.
+        assert!((0..3).all(|a| (near[a] + offset[a] - at[a]).abs() < 3.0 && (far[a] - at[a]).abs() < 3.0));
+    }
+    // Distances where the user is, and comparisons about one offset.
+    let field = dir.path("field");
+    run(tiny(&cloud, &dir.path("mesh.ply")).arg("--save-field").arg(&field), 0);
+    let text = out(&run(program().arg("sdf").arg(&field).arg(&cloud), 0));
+    let mean = text.lines().map(|l| l.parse::<f64>().unwrap().abs()).sum::<f64>() / 60.0;
+    assert!(mean < 0.2, "{mean}");
+    let mut command = program();
+    command
+        .args(["evaluate", "--json", "--samples", "2000"])
+        .arg(dir.path("mesh.ply"))
+        .arg(dir.path("mesh.obj"));
+    let json = parse(&out(&run(&mut command, 0)));
+    assert!(json.at("report").at("metrics").at("hd").number() < 0.2);
+    let sample = dir.path("sample.ply");
+    run(program().arg("sample").arg(dir.path("mesh.ply")).args(["-n", "50", "-o"]).arg(&sample), 0);
+    let places = read_cloud(&sample).unwrap().points;
+    assert!(places.iter().all(|p| (p[1] - at[1]).abs() < 3.0 && p[1].fract() != 0.0));
+}
+
+#[test]
+fn strays_are_left_out_unless_they_are_to_stay() {
+    let dir = Dir::new("strays");
+    let cloud = file(&dir, "a.xyz", "", |i, p| match i {
+        7 => format!("{} {} {}\n3.5 0.25 -2", p[0], p[1], p[2]),
+        _ => format!("{} {} {}", p[0], p[1], p[2]),
+    });
+    for (outliers, points) in [("auto", 60.0), ("remove", 60.0), ("keep", 61.0)] {
+        let mut command = tiny(&cloud, &dir.path("mesh.ply"));
+        let output = run(command.args(["--quiet", "--json", "--outliers", outliers]), 0);
+        let json = parse(&out(&output));
+        assert_eq!((json.at("points").number(), json.at("strays")[0][0].number()), (points, 3.5));
+        let warning = json.at("warnings")[0].text().to_string();
+        assert!(warning.starts_with("1 of 61 points") && err(&output).contains(&warning), "{warning}");
+        assert_eq!(warning.contains("left out"), outliers != "keep");
+    }
+    assert_eq!(info(&cloud, &[]).at("strays").as_array().unwrap().len(), 1);
+    assert_eq!(info(&cloud, &["--columns", "3,2,1"]).at("strays")[0][2].number(), 3.5);
 }

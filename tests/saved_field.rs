@@ -15,8 +15,8 @@ fn a_field_of_version_2_is_read() {
     let config = result.config();
     assert_eq!((config.seed, config.field.width, config.stages[0].resolution), (5, 8, 12));
     assert_eq!((result.cloud().len(), result.surface_points().len()), (40, 80));
-    assert_eq!(result.cloud()[0], [10.66661, -4.0, 1.95]);
-    let points = [[10.0, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -1.0, 0.0], [10.5, -4.0, 4.0]];
+    assert_eq!(result.cloud()[0].map(|x| x as f32), [10.66661, -4.0, 1.95]);
+    let points = [[10.0f32, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -1.0, 0.0], [10.5, -4.0, 4.0]];
     // Instruction sets round the network's sums differently.
     for (found, stored) in
         result.sdf(&points).into_iter().zip([-1.4476404, 0.0167881, 1.0984061, 1.938176f32])

@@ -83,7 +83,7 @@ fuzz_target!(|data: &[u8]| {
 });
 
 fn try_result(result: &Reconstruction) {
-    assert_eq!(result.sdf(&[[0.0; 3], [1.0, 2.0, 3.0]]).len(), 2);
+    assert_eq!(result.sdf(&[[0.0f64; 3], [1.0, 2.0, 3.0]]).len(), 2);
     if let Err(e) = result.mesh(6) {
         assert!(matches!(e.kind(), ErrorKind::NoSurface | ErrorKind::Diverged), "{e}");
     }

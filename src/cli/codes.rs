@@ -3,11 +3,12 @@
 use std::path::{Path, PathBuf};
 
 use bijective_sdf::bsp::code_colour;
+use bijective_sdf::geometry::widened;
 use bijective_sdf::io::{Encoding, write_coloured_cloud_to};
 use bijective_sdf::reconstruct::Coded;
 
 use super::failure::Failure;
-use super::files::write_bytes;
+use super::files::{short_enough, write_bytes};
 
 /// What comes behind the stem, file by file.
 const PARTS: [&str; 6] = ["points", "codes", "surface", "patches", "grid", "moved"];
@@ -34,21 +35,21 @@ impl CodesFiles {
 
     /// Writes all files, each whole or not at all.
     pub fn write(&self, coded: &Coded) -> Result<(), Failure> {
-        let sets = [
-            (&coded.points, &coded.codes),
-            (&coded.codes, &coded.codes),
-            (&coded.surface, &coded.patches),
-            (&coded.patches, &coded.patches),
-            (&coded.verts, &coded.vert_codes),
-            (&coded.moved, &coded.vert_codes),
-        ];
-        for (path, (points, codes)) in self.paths.iter().zip(sets) {
-            let colours: Vec<[u8; 3]> = codes.iter().map(|&code| code_colour(code)).collect();
-            let mut bytes = Vec::new();
-            write_coloured_cloud_to(&mut bytes, points, &colours, self.encoding).map_err(Failure::Output)?;
-            write_bytes(path, &bytes)?;
-        }
-        Ok(())
+        let [points, codes, surface, patches, grid, moved] = &self.paths[..] else { return Ok(()) };
+        self.write_one(points, &coded.points, &coded.codes)?;
+        self.write_one(codes, &widened(&coded.codes), &coded.codes)?;
+        self.write_one(surface, &coded.surface, &coded.patches)?;
+        self.write_one(patches, &widened(&coded.patches), &coded.patches)?;
+        self.write_one(grid, &coded.verts, &coded.vert_codes)?;
+        self.write_one(moved, &coded.moved, &coded.vert_codes)
+    }
+
+    fn write_one(&self, path: &Path, points: &[[f64; 3]], codes: &[[f32; 3]]) -> Result<(), Failure> {
+        let colours: Vec<[u8; 3]> = codes.iter().map(|&code| code_colour(code)).collect();
+        let mut bytes = Vec::new();
+        write_coloured_cloud_to(&mut bytes, &short_enough(points), &colours, self.encoding)
+            .map_err(Failure::Output)?;
+        write_bytes(path, &bytes)
     }
 }
 

@@ -4,7 +4,9 @@ use std::fs;
 use std::path::PathBuf;
 
 use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
-use bijective_sdf::geometry::{Bounds, NarrowBandOptions, Shape, TetGrid, TriangleMesh, extract};
+use bijective_sdf::geometry::{
+    Bounds, NarrowBandOptions, Shape, TetGrid, TriangleMesh, about, extract, widened,
+};
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
@@ -38,7 +40,7 @@ pub struct DemoArgs {
     #[arg(short = 'n', long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(4..))]
     points: u32,
     /// Standard deviation of Gaussian noise; the shape is about 1 long
-    #[arg(long, default_value_t = 0.0)]
+    #[arg(long, default_value_t = 0.0, allow_negative_numbers = true)]
     noise: f64,
     #[command(flatten)]
     settings: Settings,
@@ -82,18 +84,19 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     common.note(&format!("{} points on {name}, preset {preset}, seed {}", points.len(), config.seed));
 
     let plan = Plan { quiet: common.quiet, ..Plan::default() };
-    let trained = train(&points, &config, &plan, None)?;
+    let trained = train(&widened(&points), &config, &plan, None)?;
     let mesh = trained.field.mesh(args.resolution)?;
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;
-    let report = evaluate(GroundTruth::Mesh(&truth), &mesh, &Options { surface: true, ..Options::shape() })?;
-    let s = trained.field.surface_points();
+    let local = mesh.about([0.0; 3]);
+    let report = evaluate(GroundTruth::Mesh(&truth), &local, &Options { surface: true, ..Options::shape() })?;
+    let s = about(&trained.field.surface_points(), [0.0; 3]);
     let sets = [&points[..], &s];
     let sets = if s.is_empty() { &sets[..1] } else { &sets };
     let covered = evaluate_points(GroundTruth::Mesh(&truth), sets, &Options::shape())?;
     let covered = TruthCoverage::of(&covered).map_or("null".to_string(), |c| c.json());
     let view = View { up: Axis::Z, ..View::default() };
-    let image = render(&points, &mesh, &view)?;
+    let image = render(&widened(&points), &mesh, &view)?;
 
     let path = |file: &str| args.out.join(file);
     let (cloud_file, mesh_file) = (path("cloud.ply"), path("mesh.ply"));

@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{Content, Input, name, print, say};
+use super::files::{Content, Input, Local, name, print, say};
 use super::json::Object;
 use super::points::{self, Style};
 use super::report::topology_json;
@@ -37,7 +37,7 @@ pub struct EvaluateArgs {
     #[arg(long, default_value_t = 0)]
     seed: u64,
     /// Threshold of the F-score, in units of the frame [default: 0.01]
-    #[arg(long)]
+    #[arg(long, allow_negative_numbers = true)]
     tau: Option<f64>,
     /// Frame of all numbers [default: unit, or as the protocol has it]
     #[arg(long, value_enum)]
@@ -201,8 +201,15 @@ fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<(Repo
     if let Some(Content::Cloud(cloud)) = &scan {
         common.tell(&cloud.warnings, &[]);
     }
-    let report =
-        evaluate_with_scan(truth.ground_truth(), &mesh, scan.as_ref().map(Content::ground_truth), options)?;
+    // All sides about the offset of the truth, so that they stay where they are to each other.
+    let offset = truth.offset();
+    let (truth, scan) = (truth.about(offset), scan.map(|scan| scan.about(offset)));
+    let report = evaluate_with_scan(
+        truth.ground_truth(),
+        &mesh.about(offset),
+        scan.as_ref().map(Local::ground_truth),
+        options,
+    )?;
     Ok((report, mesh.topology()))
 }
 

@@ -54,6 +54,12 @@ impl Failure {
         Some(text.lines().map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join(" "))
     }
 
+    /// The line without the word for what it is.
+    pub fn text(&self) -> String {
+        let line = self.line().unwrap_or_default();
+        line.split_once(": ").map_or(line.clone(), |(_, text)| text.to_string())
+    }
+
     /// What a failed write to standard output means.
     pub fn of_stdout(e: io::Error) -> Failure {
         if e.kind() == io::ErrorKind::BrokenPipe {

@@ -5,11 +5,12 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use bijective_sdf::evaluate::GroundTruth;
-use bijective_sdf::geometry::TriangleMesh;
+use bijective_sdf::geometry::{Bounds, TriangleMesh, about, shortest, widened};
 use bijective_sdf::io::{
-    Encoding, Format, PointCloud, ReadOptions, name_file, read_cloud_with, read_mesh_with, write_atomic,
-    write_cloud_to, write_mesh_to,
+    Encoding, Format, PointCloud, ReadOptions, name_file, offset_left_out, read_cloud_with, read_mesh_with,
+    write_atomic, write_cloud_to, write_mesh_to,
 };
+use bijective_sdf::reconstruct::Reconstruction;
 use bijective_sdf::{Error, ErrorKind};
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
@@ -23,17 +24,41 @@ pub const CLOUD_FORMATS: [Format; 3] = [Format::Ply, Format::Xyz, Format::Csv];
 /// What a file turned out to hold.
 pub enum Content {
     Cloud(PointCloud),
-    Mesh(TriangleMesh),
+    Mesh(TriangleMesh<[f64; 3]>),
 }
 
 impl Content {
+    /// What to subtract so that 32 bits hold its detail; from what it is compared with, too.
+    pub fn offset(&self) -> [f64; 3] {
+        match self {
+            Content::Mesh(mesh) => mesh.offset(),
+            Content::Cloud(cloud) => Bounds::of(&cloud.points).map_or([0.0; 3], |bounds| bounds.offset()),
+        }
+    }
+
+    /// The same in 32 bits, less an offset.
+    pub fn about(&self, offset: [f64; 3]) -> Local {
+        match self {
+            Content::Mesh(mesh) => Local::Mesh(mesh.about(offset)),
+            Content::Cloud(cloud) => {
+                Local::Cloud { points: about(&cloud.points, offset), normals: cloud.normals.clone() }
+            }
+        }
+    }
+}
+
+/// What a file holds, in 32 bits about an offset.
+pub enum Local {
+    Cloud { points: Vec<[f32; 3]>, normals: Option<Vec<[f32; 3]>> },
+    Mesh(TriangleMesh),
+}
+
+impl Local {
     /// As what predictions are held against.
     pub fn ground_truth(&self) -> GroundTruth<'_> {
         match self {
-            Content::Mesh(mesh) => GroundTruth::Mesh(mesh),
-            Content::Cloud(cloud) => {
-                GroundTruth::Cloud { points: &cloud.points, normals: cloud.normals.as_deref() }
-            }
+            Local::Mesh(mesh) => GroundTruth::Mesh(mesh),
+            Local::Cloud { points, normals } => GroundTruth::Cloud { points, normals: normals.as_deref() },
         }
     }
 }
@@ -78,6 +103,16 @@ impl<'a> Input<'a> {
         Ok(Input { path, options, bytes })
     }
 
+    /// The bytes as they are.
+    pub fn bytes(&self) -> &[u8] {
+        &self.bytes
+    }
+
+    /// The field that they hold.
+    pub fn field(&self) -> Result<Reconstruction, Failure> {
+        Reconstruction::from_bytes(&self.bytes).map_err(|e| Failure::Input(e.in_file(self.path)))
+    }
+
     /// The name for messages.
     pub fn path(&self) -> &Path {
         self.path
@@ -89,7 +124,7 @@ impl<'a> Input<'a> {
     }
 
     /// The mesh.
-    pub fn mesh(&self) -> Result<TriangleMesh, Failure> {
+    pub fn mesh(&self) -> Result<TriangleMesh<[f64; 3]>, Failure> {
         read_mesh_with(&self.bytes, &self.options).map_err(|e| Failure::Input(name_file(e, self.path)))
     }
 
@@ -100,11 +135,12 @@ impl<'a> Input<'a> {
             return self.cloud().map(Content::Cloud);
         }
         match self.mesh() {
-            // A file that has points and is whole, but has no faces, is a cloud; what is wrong with a mesh is told.
+            // A file that has points and is whole, but has no faces, is a cloud; what is wrong with a mesh is told, and
+            // of what is none as the reader of clouds tells it.
             Err(Failure::Input(e)) if e.kind() == ErrorKind::Data => match self.cloud() {
                 Ok(cloud) if cloud.faces == 0 => Ok(Content::Cloud(cloud)),
-                Err(Failure::Input(own)) if own.kind() == ErrorKind::Data => Err(Failure::Input(own)),
-                _ => Err(Failure::Input(e)),
+                Err(own) => Err(own),
+                Ok(_) => Err(Failure::Input(e)),
             },
             result => result.map(Content::Mesh),
         }
@@ -156,19 +192,42 @@ impl Output {
         &self.path
     }
 
-    /// Writes points.
-    pub fn write_cloud(&self, points: &[[f32; 3]]) -> Result<(), Failure> {
+    /// Writes points of a result, in 32 bits where that loses nothing that matters.
+    pub fn write_cloud(&self, points: &[[f64; 3]]) -> Result<(), Failure> {
         let mut bytes = Vec::new();
-        write_cloud_to(&mut bytes, points, self.format, self.encoding).map_err(Failure::Output)?;
+        write_cloud_to(&mut bytes, &short_enough(points), self.format, self.encoding)
+            .map_err(Failure::Output)?;
         write_bytes(&self.path, &bytes)
     }
 
     /// Writes a mesh.
-    pub fn write_mesh(&self, mesh: &TriangleMesh) -> Result<(), Failure> {
+    pub fn write_mesh(&self, mesh: &TriangleMesh<[f64; 3]>) -> Result<(), Failure> {
+        if let Some(offset) = offset_left_out(mesh, self.format) {
+            say(&format!(
+                "warning: {} files hold 32-bit numbers, too coarse for these coordinates: the mesh is written less the \
+                 offset {}; add it again, or write ply or obj",
+                self.format,
+                offset_text(offset)
+            ));
+        }
         let mut bytes = Vec::new();
         write_mesh_to(&mut bytes, mesh, self.format, self.encoding).map_err(Failure::Output)?;
         write_bytes(&self.path, &bytes)
     }
+}
+
+/// Points of a result, rounded to 32 bits where these hold their detail: everybody reads those, and files are half as
+/// long.
+pub fn short_enough(points: &[[f64; 3]]) -> Vec<[f64; 3]> {
+    match Bounds::of(points) {
+        Ok(bounds) if bounds.offset() == [0.0; 3] => widened(&about(points, [0.0; 3])),
+        _ => points.to_vec(),
+    }
+}
+
+/// An offset in words.
+pub fn offset_text(offset: [f64; 3]) -> String {
+    format!("({})", offset.map(shortest).join(", "))
 }
 
 /// Whether a path stands for standard input or output.

@@ -1,15 +1,18 @@
 //! `info`: what is in a file.
 
+use std::collections::HashSet;
 use std::path::PathBuf;
 
 use bijective_sdf::evaluate::percentile;
-use bijective_sdf::geometry::{Bounds, KdTree, Normalizer, TriangleMesh, clean_cloud};
+use bijective_sdf::geometry::{Bounds, KdTree, Normalizer, Position, TriangleMesh, clean_cloud, shortest};
 use bijective_sdf::io::PointCloud;
+use bijective_sdf::reconstruct::{Saved, SavedKind};
 use clap::Args;
 
 use super::Common;
+use super::cleaning::{Outliers, doubts, strays};
 use super::failure::{Failure, chain};
-use super::files::{Content, print};
+use super::files::{Content, offset_text, print};
 use super::json::{Object, list, number, quoted};
 use super::reading::ReadArgs;
 use super::report::{bounds_text, gate, topology_json, topology_text};
@@ -17,7 +20,7 @@ use super::report::{bounds_text, gate, topology_json, topology_text};
 /// Arguments of `info`.
 #[derive(Debug, Args)]
 pub struct InfoArgs {
-    /// A point cloud or a mesh, or `-`
+    /// A point cloud, a mesh, a saved field or a checkpoint, or `-`
     file: PathBuf,
     #[command(flatten)]
     reading: ReadArgs,
@@ -31,16 +34,59 @@ pub struct InfoArgs {
 
 /// Describes a file.
 pub fn run(args: &InfoArgs, common: Common) -> Result<(), Failure> {
-    match args.reading.input(&args.file)?.content()? {
+    let input = args.reading.input(&args.file)?;
+    if Saved::is_saved(input.bytes()) {
+        let saved = Saved::from_bytes(input.bytes()).map_err(|e| Failure::Input(e.in_file(input.path())))?;
+        return describe_saved(&saved, args, common);
+    }
+    match input.content()? {
         Content::Mesh(mesh) => describe_mesh(&mesh, args),
         Content::Cloud(cloud) => {
             common.tell(&cloud.warnings, &cloud.notices);
-            describe_cloud(&cloud, args)
+            describe_cloud(&cloud, args, common)
         }
     }
 }
 
-fn describe_mesh(mesh: &TriangleMesh, args: &InfoArgs) -> Result<(), Failure> {
+fn describe_saved(saved: &Saved, args: &InfoArgs, common: Common) -> Result<(), Failure> {
+    saved.notices.iter().for_each(|notice| common.note(notice));
+    let config = &saved.config;
+    let kind = match saved.kind {
+        SavedKind::Checkpoint { .. } => "checkpoint",
+        _ => "field",
+    };
+    let json = Object::new()
+        .text("kind", kind)
+        .count("version", saved.version as usize)
+        .count("points", saved.points)
+        .raw("seed", config.seed);
+    let mut text = format!(
+        "{kind}\nversion     {}\npoints      {}\nseed        {}\nfield       {} layers of {}\n",
+        saved.version, saved.points, config.seed, config.field.depth, config.field.width
+    );
+    let json = match saved.kind {
+        SavedKind::Checkpoint { step, total_steps, recoveries } => {
+            text += &format!("steps       {step} of {total_steps}\n");
+            if recoveries > 0 {
+                text += &format!("recoveries  {recoveries}\n");
+            }
+            json.count("steps", step).count("total_steps", total_steps).count("recoveries", recoveries)
+        }
+        _ => json,
+    };
+    let options = config.entries().into_iter().fold(Object::new(), |o, (key, value)| o.text(key, &value));
+    if args.json {
+        print(format!("{}\n", json.raw("options", options.finish()).finish()))?;
+    } else {
+        print(text)?;
+    }
+    if args.check {
+        return Err(Failure::Gate(format!("the file is a {kind}, not a closed mesh")));
+    }
+    Ok(())
+}
+
+fn describe_mesh(mesh: &TriangleMesh<[f64; 3]>, args: &InfoArgs) -> Result<(), Failure> {
     let topology = mesh.topology();
     if args.json {
         let json = Object::new().text("kind", "mesh").raw("mesh", topology_json(&topology)).finish();
@@ -51,21 +97,28 @@ fn describe_mesh(mesh: &TriangleMesh, args: &InfoArgs) -> Result<(), Failure> {
     if args.check { gate(&topology) } else { Ok(()) }
 }
 
-fn describe_cloud(cloud: &PointCloud, args: &InfoArgs) -> Result<(), Failure> {
+fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result<(), Failure> {
     let points = &cloud.points;
     let bounds = Bounds::of(points)?;
-    let (low, high) = (bounds.min.map(|x| x as f32), bounds.max.map(|x| x as f32));
+    let (low, high, offset) = (bounds.min, bounds.max, bounds.offset());
     let cleaned = clean_cloud(points);
     let problem = cleaned.as_ref().err().map(|e| chain(e));
-    let merged = cleaned.as_ref().map_or(0, |c| c.duplicates_merged);
-    let spacing = spacing(cleaned.as_ref().map_or(points, |c| &c.points));
+    // Adding 0 turns -0 into 0.
+    let places: HashSet<[u64; 3]> = points.iter().map(|p| p.map(|x| (x + 0.0).to_bits())).collect();
+    let merged = points.len() - places.len();
+    let distinct = cleaned.as_ref().map_or(&[][..], |c| &c.points);
+    let (stray, told) = strays(distinct, Outliers::Keep);
+    let doubts: Vec<String> = told.into_iter().chain(cleaned.iter().flat_map(doubts)).collect();
+    common.tell(&doubts, &[]);
+    let spacing = spacing(cleaned.as_ref().map_or(points.as_slice(), |c| &c.points));
     if args.json {
-        let corner = |c: [f32; 3]| list(c.map(|x| number(Some(f64::from(x)))));
+        let corner = |c: [f64; 3]| list(c.map(|x| number(Some(x))));
         let json = Object::new()
             .text("kind", "cloud")
             .count("points", points.len())
             .count("duplicates", merged)
             .raw("bounds", list([low, high].map(corner)))
+            .raw("offset", corner(offset))
             .raw(
                 "spacing",
                 spacing.map_or("null".into(), |[least, middle, most]| {
@@ -73,7 +126,8 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs) -> Result<(), Failure> {
                 }),
             )
             .count("left_out", cloud.left_out)
-            .raw("warnings", list(cloud.warnings.iter().map(|w| quoted(w))))
+            .raw("strays", list(stray.iter().map(|&i| corner(distinct[i as usize]))))
+            .raw("warnings", list(cloud.warnings.iter().chain(&doubts).map(|w| quoted(w))))
             .raw("notices", list(cloud.notices.iter().map(|n| quoted(n))))
             .flag("usable", problem.is_none())
             .raw("problem", problem.as_deref().map_or("null".into(), quoted))
@@ -85,7 +139,14 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs) -> Result<(), Failure> {
             text += &format!("left out    {}\n", cloud.left_out);
         }
         text += &bounds_text(low, high);
-        text += &format!("longest     {}\n", bounds.longest());
+        text += &format!("longest     {}\n", shortest(bounds.longest()));
+        if offset != [0.0; 3] {
+            text +=
+                &format!("offset      {}, to be subtracted where 32 bits have to do\n", offset_text(offset));
+        }
+        if !stray.is_empty() {
+            text += &format!("strays      {}\n", stray.len());
+        }
         if let Some([least, middle, most]) = spacing {
             text += &format!("spacing     {middle:.4e} median, {least:.4e} least, {most:.4e} most\n");
         }
@@ -102,7 +163,7 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs) -> Result<(), Failure> {
 }
 
 /// Least, median and largest distance to the nearest other point.
-pub fn spacing(points: &[[f32; 3]]) -> Option<[f64; 3]> {
+pub fn spacing<P: Position>(points: &[P]) -> Option<[f64; 3]> {
     if points.len() < 2 {
         return None;
     }

@@ -3,13 +3,13 @@
 use std::path::PathBuf;
 
 use bijective_sdf::io::Format;
-use bijective_sdf::reconstruct::Reconstruction;
 use clap::Args;
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{MESH_FORMATS, Output, check_apart, check_writable, format_parser, write_bytes};
-use super::preview::{View, ViewArgs, render};
+use super::files::{Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, write_bytes};
+use super::machine::check_memory;
+use super::preview::{View, ViewArgs, check_picture, render};
 use super::reconstruct::RESOLUTION;
 use super::report::{gate, gate_open};
 use super::trim::{Part, TrimArgs};
@@ -17,7 +17,7 @@ use super::trim::{Part, TrimArgs};
 /// Arguments of `mesh`.
 #[derive(Debug, Args)]
 pub struct MeshArgs {
-    /// A field that `reconstruct --save-field` wrote
+    /// A field that `reconstruct --save-field` wrote, or `-`
     field: PathBuf,
     /// The mesh to write (ply, obj, stl, off), or `-`
     #[arg(short, long, value_name = "FILE")]
@@ -43,17 +43,19 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     check_apart("--output", &args.output, &args.field)?;
     if let Some(path) = &args.view.preview {
         check_writable(path)?;
+        check_picture(path)?;
         check_apart("--preview", path, &args.field)?;
     }
-    let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
+    let field = Input::read(&args.field, None)?.field()?;
     field.notices().iter().for_each(|notice| common.note(notice));
+    check_memory(field.config(), args.resolution, common)?;
     let Part { mesh, cut } = args.trim.part(field.mesh(args.resolution)?, field.cloud(), common)?;
     let topology = mesh.topology();
+    output.write_mesh(&mesh)?;
     if let Some(path) = &args.view.preview {
         let image = render(field.cloud(), &mesh, &View::from(&args.view))?;
         write_bytes(path, &image.to_png())?;
     }
-    output.write_mesh(&mesh)?;
     common.note(&topology.to_string());
     if cut.is_some() { gate_open(&topology) } else { gate(&topology) }
 }

@@ -3,8 +3,9 @@
 use std::num::NonZeroUsize;
 use std::process::ExitCode;
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, CommandFactory, Parser, Subcommand};
 
+mod cleaning;
 mod codes;
 mod config;
 mod config_text;
@@ -16,6 +17,8 @@ mod files;
 mod info;
 mod interrupt;
 mod json;
+mod lock;
+mod machine;
 mod mesh;
 mod points;
 mod preview;
@@ -26,6 +29,7 @@ mod report;
 mod sample;
 mod sdf;
 mod settings;
+mod shell;
 mod suite;
 mod train;
 mod trim;
@@ -33,7 +37,8 @@ mod trim;
 use failure::Failure;
 
 const AFTER: &str = "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad input, 4 finished but the mesh is not closed \
-                     and oriented, 130 interrupted after writing a checkpoint.\n\
+                     and oriented, 130 interrupted: during the steps after writing a checkpoint, behind them with the \
+                     field kept.\n\
                      A file name `-` means standard input or output. Results go to standard output, messages to \
                      standard error.";
 
@@ -88,12 +93,16 @@ enum Command {
     Suite(Box<suite::SuiteArgs>),
     /// Draw random points from a mesh
     Sample(sample::SampleArgs),
-    /// Describe a point cloud or a mesh
+    /// Describe a point cloud, a mesh, a saved field or a checkpoint
     Info(info::InfoArgs),
     /// List the presets
     Presets,
     /// Print a configuration as TOML, to edit and give to --config
     Config(config::ConfigArgs),
+    /// Print the completions of commands and options for a shell
+    Completions(shell::CompletionsArgs),
+    /// Print the manual page
+    Man,
 }
 
 /// Runs the program on the process's arguments and says how it should exit.
@@ -112,6 +121,7 @@ pub fn run() -> ExitCode {
 
 fn dispatch(cli: &Cli) -> Result<(), Failure> {
     if let Some(threads) = cli.common.threads {
+        machine::check_threads(threads.get())?;
         rayon::ThreadPoolBuilder::new()
             .num_threads(threads.get())
             .build_global()
@@ -133,13 +143,14 @@ fn execute(cli: &Cli) -> Result<(), Failure> {
         Command::Info(args) => info::run(args, cli.common),
         Command::Presets => config::list_presets(),
         Command::Config(args) => config::run(args),
+        Command::Completions(args) => shell::completions(args, Cli::command()),
+        Command::Man => shell::manual(Cli::command()),
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use clap::CommandFactory;
 
     #[test]
     fn the_arguments_are_consistent() {

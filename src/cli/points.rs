@@ -3,6 +3,7 @@
 use std::path::PathBuf;
 
 use bijective_sdf::evaluate::{Cell, Options, PointsReport, TextTable, evaluate_points};
+use bijective_sdf::geometry::about;
 
 use super::Common;
 use super::failure::Failure;
@@ -70,5 +71,7 @@ fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<Point
     let truth = Input::read(&files[0], None)?.content()?;
     let cloud = Input::read(&files[1], None)?.cloud()?;
     common.tell(&cloud.warnings, &[]);
-    Ok(evaluate_points(truth.ground_truth(), &[&cloud.points], options)?[0])
+    let offset = truth.offset();
+    let points = about(&cloud.points, offset);
+    Ok(evaluate_points(truth.about(offset).ground_truth(), &[&points], options)?[0])
 }

@@ -1,26 +1,31 @@
 //! `reconstruct`: from a cloud to a mesh.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bijective_sdf::bsp::Parameterization;
-use bijective_sdf::geometry::{Topology, clean_cloud};
+use bijective_sdf::geometry::{Bounds, Topology, clean_cloud};
 use bijective_sdf::io::Format;
+use bijective_sdf::reconstruct::{Config, Preset, Reconstruction, Saved, SavedKind};
 use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::Common;
+use super::cleaning::{Outliers, doubts, strays, without};
 use super::codes::CodesFiles;
 use super::coverage::{coverage_json, coverage_text};
 use super::failure::Failure;
 use super::files::{
-    CLOUD_FORMATS, MESH_FORMATS, Output, check_apart, check_writable, format_parser, is_pipe, is_same_file,
-    print, write_bytes,
+    CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, is_pipe,
+    is_same_file, offset_text, print, say, write_bytes,
 };
 use super::interrupt::Interrupt;
-use super::json::{Object, list, quoted};
-use super::preview::{View, ViewArgs, render};
+use super::json::{Object, list, number, quoted};
+use super::lock::Lock;
+use super::machine::check_memory;
+use super::preview::{View, ViewArgs, check_picture, render};
 use super::reading::ReadArgs;
 use super::report::{gate, gate_open, passes_gate, topology_json};
 use super::settings::Settings;
@@ -52,6 +57,9 @@ pub struct ReconstructArgs {
     resolution: usize,
     #[command(flatten)]
     reading: ReadArgs,
+    /// Points that belong to no surface, far from all others and off the surface that these suggest
+    #[arg(long, value_enum, default_value_t)]
+    outliers: Outliers,
     /// Format of the mesh [default: by extension; ply for `-`]
     #[arg(long, value_parser = format_parser())]
     output_format: Option<Format>,
@@ -64,11 +72,11 @@ pub struct ReconstructArgs {
     /// Seconds between two checkpoints
     #[arg(long, value_name = "SECONDS", default_value_t = CHECKPOINT_SECONDS, requires = "checkpoint")]
     checkpoint_every: u64,
-    /// Go on from a checkpoint of the same cloud and options
+    /// Go on from a checkpoint of the same cloud, with its options; those that are given must agree with it
     #[arg(long, value_name = "FILE")]
     resume: Option<PathBuf>,
     /// Stop after this time, in whichever phase, and write the mesh of the field as it is then
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     time_limit: Option<Duration>,
     /// Write the denser points that the surface was drawn to (ply, xyz, csv)
     #[arg(long, value_name = "FILE")]
@@ -80,7 +88,7 @@ pub struct ReconstructArgs {
     /// of S nearest to it in V'
     #[arg(long, value_name = "STEM")]
     codes: Option<PathBuf>,
-    /// Write the field, for the commands `sdf` and `mesh`
+    /// Write the field, for the commands `sdf` and `mesh`. Until the mesh is written it is kept in any case, beside it
     #[arg(long, value_name = "FILE")]
     save_field: Option<PathBuf>,
     #[command(flatten)]
@@ -102,7 +110,10 @@ fn seconds(text: &str) -> Result<Duration, String> {
 /// Reconstructs a cloud.
 pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let began = Instant::now();
-    let (config, preset) = args.settings.build()?;
+    let (config, preset) = match &args.resume {
+        Some(path) => resumed(path, args)?,
+        None => args.settings.build().map(|(config, preset)| (config, preset.name()))?,
+    };
     let places = Places::of(args)?;
     if args.surface_points.is_some() && config.parameterization == Parameterization::None {
         return Err(Failure::Usage(
@@ -112,6 +123,9 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if args.codes.is_some() && config.parameterization != Parameterization::Bsp {
         return Err(Failure::Usage("--codes needs codes, which only parameterization=bsp has".into()));
     }
+    check_memory(&config, args.resolution, common)?;
+    // Held to the end.
+    let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
     let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
     let input = args.reading.input(&args.input)?;
     let cloud = input.cloud()?;
@@ -121,9 +135,24 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if clean.duplicates_merged > 0 {
         common.note(&format!("left out {} points that repeat others", clean.duplicates_merged));
     }
-    common.note(&format!("{} points, preset {preset}, seed {}", clean.points.len(), config.seed));
+    let (stray, told) = strays(&clean.points, args.outliers);
+    let left_out = if args.outliers == Outliers::Keep { &[][..] } else { &stray };
+    let points = without(&clean.points, left_out);
+    let mut warnings = cloud.warnings.clone();
+    let rest = clean_cloud(&points).map_err(|e| Failure::Input(e.in_file(input.path())))?;
+    let doubts: Vec<String> = told.into_iter().chain(doubts(&rest)).collect();
+    common.tell(&doubts, &[]);
+    warnings.extend(doubts);
+    let offset = Bounds::of(&points)?.offset();
+    if offset != [0.0; 3] {
+        common.note(&format!(
+            "the coordinates are large: the work is done about the offset {}, which is in all results again",
+            offset_text(offset)
+        ));
+    }
+    common.note(&format!("{} points, preset {preset}, seed {}", points.len(), config.seed));
 
-    let mut trained = train(&cloud.points, &config, &plan(args, common), Some(&interrupt))?;
+    let mut trained = train(&points, &config, &plan(args, common), Some(&interrupt))?;
     if trained.timed_out {
         common.note(&format!(
             "the time limit ended the run after step {} of {}{}; the result depends on the speed of the machine",
@@ -132,31 +161,44 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             trained.last.map_or(String::new(), |r| format!(", in the phase {}", r.phase))
         ));
     }
+    // What cost the time first: whatever fails from here on, the mesh can be made again from the field.
+    let mut report = Written::default();
+    let kept = places.kept.as_deref().filter(|path| report.wrote(path, write_field(path, &trained.field)));
+    if let Some(path) = kept {
+        interrupt.kept(format!("the field is kept: go on with {}", go_on(path, args)));
+    }
+    report.failures.extend(std::mem::replace(&mut trained.checkpoint, Ok(())).err());
     let meshing = Instant::now();
-    let part = args.trim.part(trained.field.mesh(args.resolution)?, trained.field.cloud(), common)?;
-    let mesh = &part.mesh;
+    let meshed = trained.field.mesh(args.resolution).map_err(Failure::from);
+    let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.cloud(), common));
     let mesh_seconds = meshing.elapsed().as_secs_f64();
-    let topology = mesh.topology();
-
-    // Everything that can fail by its content is made before anything is written.
-    let preview = match &args.view.preview {
-        Some(path) => Some((path, render(trained.field.cloud(), mesh, &View::from(&args.view))?.to_png())),
-        None => None,
+    let part = part.and_then(|part| places.mesh.write_mesh(&part.mesh).map(|()| part));
+    let part = match part {
+        Ok(part) => part,
+        Err(failure) => {
+            report.failures.push(failure);
+            return Err(report.end(kept.map(|path| go_on(path, args))));
+        }
     };
-    if let Some(path) = &args.save_field {
-        trained.field.save(path).map_err(Failure::Output)?;
-    }
+    report.files.push(args.output.clone());
+    let topology = part.mesh.topology();
     if let Some(output) = &places.surface_points {
-        output.write_cloud(&trained.field.surface_points())?;
+        report.wrote(output.path(), output.write_cloud(&trained.field.surface_points()));
     }
-    if let Some((path, png)) = preview {
-        write_bytes(path, &png)?;
+    if let Some(path) = &args.view.preview {
+        let picture = render(trained.field.cloud(), &part.mesh, &View::from(&args.view));
+        report.wrote(path, picture.and_then(|picture| write_bytes(path, &picture.to_png())));
     }
-    places.mesh.write_mesh(mesh)?;
     // Last, as the grid of the training may fail to find what that of the mesh has found.
     if let Some(files) = &places.codes {
         let none = || Err(Error::new(ErrorKind::Diverged, "the parameterization is not finite"));
-        files.write(&trained.coded.take().unwrap_or_else(none)?)?;
+        let coded = trained.coded.take().unwrap_or_else(none).map_err(Failure::from);
+        report.failures.extend(coded.and_then(|coded| files.write(&coded)).err());
+    }
+    if let Some(path) = kept.filter(|_| args.save_field.is_none()) {
+        // It was for the case that the mesh fails.
+        let _ = fs::remove_file(path);
+        report.files.retain(|file| file != path);
     }
 
     common.note(&topology.to_string());
@@ -165,12 +207,18 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         let json = Object::new()
             .path("input", Some(&args.input))
             .path("output", Some(places.mesh.path()))
-            .count("points", clean.points.len())
+            .count("points", points.len())
             .count("duplicates", clean.duplicates_merged)
             .count("left_out", cloud.left_out)
-            .raw("warnings", list(cloud.warnings.iter().map(|w| quoted(w))))
+            .raw("offset", list(offset.map(|x| number(Some(x)))))
+            .text("outliers", args.outliers.name())
+            .raw(
+                "strays",
+                list(stray.iter().map(|&i| list(clean.points[i as usize].map(|x| number(Some(x)))))),
+            )
+            .raw("warnings", list(warnings.iter().map(|w| quoted(w))))
             .raw("notices", list(cloud.notices.iter().map(|n| quoted(n))))
-            .text("preset", preset.name())
+            .text("preset", preset)
             .raw("seed", config.seed)
             .count("resolution", args.resolution);
         let seconds = Object::new()
@@ -193,7 +241,69 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .path("checkpoint", args.checkpoint.as_deref());
         print(format!("{}\n", json.finish()))?;
     }
+    if !report.failures.is_empty() {
+        return Err(report.end(None));
+    }
     if part.cut.is_some() { gate_open(&topology) } else { gate(&topology) }
+}
+
+/// The options to go on from a checkpoint with, and where they come from: those of the command, if they are those that
+/// the run was started with, else those of the run, with what is given over them. What does not agree is refused later.
+fn resumed(path: &Path, args: &ReconstructArgs) -> Result<(Config, &'static str), Failure> {
+    let input = Input::read(path, None)?;
+    let saved = Saved::from_bytes(input.bytes()).map_err(|e| Failure::Input(e.in_file(input.path())))?;
+    if saved.kind == SavedKind::Result {
+        let error = Error::new(ErrorKind::Checkpoint, "it is a field, not a checkpoint").in_file(path);
+        return Err(Failure::Input(error.advise("make a mesh of it with `bijective-sdf mesh`")));
+    }
+    let (config, preset) = args.settings.build()?;
+    let run = Config { finish: config.finish, min_component: config.min_component, ..saved.config.clone() };
+    if config.clone().for_points(saved.points) == run {
+        return Ok((config, preset.name()));
+    }
+    let (config, preset) = args.settings.build_on(Some(&saved.config))?;
+    // Who gives no preset goes on with that of the run, which has no name any more.
+    Ok((config, preset.map_or("of the checkpoint", Preset::name)))
+}
+
+fn write_field(path: &Path, field: &Reconstruction) -> Result<(), Failure> {
+    write_bytes(path, &field.to_bytes().map_err(Failure::Output)?)
+}
+
+/// The command that makes the mesh from the field.
+fn go_on(field: &Path, args: &ReconstructArgs) -> String {
+    let trim = args.trim.trim.map_or(String::new(), |factor| format!(" --trim={factor}"));
+    format!("`bijective-sdf mesh {} -o {}{trim}`", field.display(), args.output.display())
+}
+
+/// What came of writing the results.
+#[derive(Default)]
+struct Written {
+    files: Vec<PathBuf>,
+    failures: Vec<Failure>,
+}
+
+impl Written {
+    /// Notes what came of a file; whether it is there.
+    fn wrote(&mut self, path: &Path, outcome: Result<(), Failure>) -> bool {
+        match outcome {
+            Ok(()) => self.files.push(path.to_path_buf()),
+            Err(failure) => self.failures.push(failure),
+        }
+        self.files.last().is_some_and(|file| file == path)
+    }
+
+    /// Tells of all failures but the last, which is the program's own to say, and of what is there nevertheless.
+    fn end(mut self, advice: Option<String>) -> Failure {
+        let last = self.failures.pop().unwrap_or(Failure::Closed);
+        self.failures.iter().filter_map(Failure::line).for_each(|line| say(&line));
+        if !self.files.is_empty() {
+            let names: Vec<String> = self.files.iter().map(|file| file.display().to_string()).collect();
+            let advice = advice.map_or(String::new(), |command| format!("; go on with {command}"));
+            say(&format!("note: written: {}{advice}", names.join(", ")));
+        }
+        last
+    }
 }
 
 /// Adds what training and meshing came to.
@@ -217,6 +327,8 @@ pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object 
 /// Where results go, checked before the work starts.
 struct Places {
     mesh: Output,
+    /// Where the field is kept until the mesh is there, or for good.
+    kept: Option<PathBuf>,
     surface_points: Option<Output>,
     codes: Option<CodesFiles>,
 }
@@ -243,8 +355,11 @@ impl Places {
             if let Some((other, _)) = files[..i].iter().find(|(_, p)| p == path || is_same_file(p, path)) {
                 return Err(Failure::Usage(format!("{other} and {option} are both {}", path.display())));
             }
-            if is_pipe(path) && ["--save-field", "--checkpoint"].contains(option) {
+            if is_pipe(path) && *option == "--checkpoint" {
                 return Err(Failure::Usage(format!("{option} needs a file, not a pipe")));
+            }
+            if *option == "--preview" {
+                check_picture(path)?;
             }
             if is_pipe(path) && args.json {
                 return Err(Failure::Usage(format!("{option} - and --json would mix on standard output")));
@@ -256,8 +371,11 @@ impl Places {
             }
             check_writable(path)?;
         }
+        let beside =
+            || Some(&args.output).filter(|path| is_ordinary(path)).map(|path| behind(path, ".field"));
         Ok(Places {
             codes,
+            kept: args.save_field.clone().or_else(beside),
             mesh: Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?,
             surface_points: match &args.surface_points {
                 Some(path) => Some(Output::new(path, None, args.ascii, &CLOUD_FORMATS)?),
@@ -267,15 +385,22 @@ impl Places {
     }
 }
 
+/// A file name with something behind it.
+fn behind(path: &Path, more: &str) -> PathBuf {
+    let mut name = path.as_os_str().to_os_string();
+    name.push(more);
+    PathBuf::from(name)
+}
+
+/// Whether a path is that of a regular file, or of one that is yet to come; beside devices nothing is kept.
+fn is_ordinary(path: &Path) -> bool {
+    !is_pipe(path) && fs::metadata(path).map_or(true, |m| m.is_file())
+}
+
 fn plan(args: &ReconstructArgs, common: Common) -> Plan {
-    let beside = |path: &Path| {
-        let mut name = path.as_os_str().to_os_string();
-        name.push(".checkpoint");
-        PathBuf::from(name)
-    };
     Plan {
         checkpoint: args.checkpoint.clone().map(|path| (path, Duration::from_secs(args.checkpoint_every))),
-        on_interrupt: (!is_pipe(&args.output)).then(|| beside(&args.output)),
+        on_interrupt: (!is_pipe(&args.output)).then(|| behind(&args.output, ".checkpoint")),
         resume: args.resume.clone(),
         time_limit: args.time_limit,
         codes: args.codes.is_some(),

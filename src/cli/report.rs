@@ -1,7 +1,7 @@
 //! Facts and figures as text and JSON, and the quality gate.
 
 use bijective_sdf::evaluate::{Column, Metrics, Report, Table};
-use bijective_sdf::geometry::Topology;
+use bijective_sdf::geometry::{Topology, shortest, significant};
 
 use super::failure::Failure;
 use super::json::{Object, list, number};
@@ -39,7 +39,7 @@ pub fn gate(t: &Topology) -> Result<(), Failure> {
 
 /// The topology as a JSON object.
 pub fn topology_json(t: &Topology) -> String {
-    let corner = |c: [f32; 3]| list(c.map(|x| number(Some(f64::from(x)))));
+    let corner = |c: [f64; 3]| list(c.map(|x| number(Some(x))));
     let json = Object::new()
         .count("verts", t.verts)
         .count("unused_verts", t.unused_verts)
@@ -69,7 +69,7 @@ pub fn topology_text(t: &Topology) -> String {
     let genus = t.genus.map_or("unknown".to_string(), |g| g.to_string());
     let mut text = format!(
         "vertices    {}\nfaces       {}\nedges       {}\ncomponents  {}\nEuler       {}\ngenus       {genus}\n\
-         closed      {}\noriented    {}\nvolume      {:.6}\narea        {:.6}\n",
+         closed      {}\noriented    {}\nvolume      {}\narea        {}\n",
         t.verts,
         t.faces,
         t.edges,
@@ -77,8 +77,8 @@ pub fn topology_text(t: &Topology) -> String {
         t.euler,
         yes(t.closed),
         yes(t.oriented),
-        t.volume,
-        t.area
+        significant(t.volume),
+        significant(t.area)
     );
     if t.boundary_edges > 0 {
         let plural = if t.boundary_loops == 1 { "" } else { "s" };
@@ -103,8 +103,8 @@ pub fn topology_text(t: &Topology) -> String {
 }
 
 /// Two corners of a box in text.
-pub fn bounds_text(low: [f32; 3], high: [f32; 3]) -> String {
-    format!("from        {} {} {}\nto          {} {} {}\n", low[0], low[1], low[2], high[0], high[1], high[2])
+pub fn bounds_text(low: [f64; 3], high: [f64; 3]) -> String {
+    format!("from        {}\nto          {}\n", low.map(shortest).join(" "), high.map(shortest).join(" "))
 }
 
 /// The key of a figure and the figure.

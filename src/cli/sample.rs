@@ -27,7 +27,7 @@ pub struct SampleArgs {
     #[arg(short = 'n', long, default_value_t = 300, value_parser = clap::value_parser!(u32).range(1..))]
     count: u32,
     /// Standard deviation of Gaussian noise, in units of the mesh or, as in `0.5%`, of its longest side
-    #[arg(long, default_value = "0")]
+    #[arg(long, default_value = "0", allow_negative_numbers = true)]
     noise: Noise,
     /// Seed of places and noise
     #[arg(long, default_value_t = 0)]
@@ -83,13 +83,15 @@ pub fn run(args: &SampleArgs, common: Common) -> Result<(), Failure> {
     let output = Output::new(&args.output, args.output_format, args.ascii, &CLOUD_FORMATS)?;
     check_apart("--output", &args.output, &args.mesh)?;
     let mesh = Input::read(&args.mesh, args.format)?.mesh()?;
-    let mut points = sample_surface(&mesh, args.count as usize, args.seed)?.points;
+    let offset = mesh.offset();
+    let mut points = sample_surface(&mesh.about(offset), args.count as usize, args.seed)?.points;
     let deviation = match args.noise {
         Noise::Absolute(x) => x,
         Noise::Relative(part) => part * Bounds::of(&mesh.verts)?.longest(),
     };
     add_noise(&mut points, deviation, args.seed);
-    output.write_cloud(&points)?;
+    let place = |p: &[f32; 3]| -> [f64; 3] { std::array::from_fn(|a| f64::from(p[a]) + offset[a]) };
+    output.write_cloud(&points.iter().map(place).collect::<Vec<_>>())?;
     common.note(&format!("{} points with noise {deviation}", points.len()));
     Ok(())
 }

@@ -3,18 +3,17 @@
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use bijective_sdf::reconstruct::Reconstruction;
 use clap::Args;
 
 use super::Common;
 use super::failure::Failure;
-use super::files::print;
+use super::files::{Input, is_pipe, print};
 use super::reading::ReadArgs;
 
 /// Arguments of `sdf`.
 #[derive(Debug, Args)]
 pub struct SdfArgs {
-    /// A field that `reconstruct --save-field` wrote
+    /// A field that `reconstruct --save-field` wrote, or `-`
     field: PathBuf,
     /// Points in the coordinates of the reconstructed cloud, or `-`
     points: PathBuf,
@@ -27,7 +26,10 @@ pub struct SdfArgs {
 
 /// Prints a line a point.
 pub fn run(args: &SdfArgs, common: Common) -> Result<(), Failure> {
-    let field = Reconstruction::load(&args.field).map_err(Failure::Input)?;
+    if is_pipe(&args.field) && is_pipe(&args.points) {
+        return Err(Failure::Usage("field and points cannot both come from standard input".into()));
+    }
+    let field = Input::read(&args.field, None)?.field()?;
     field.notices().iter().for_each(|notice| common.note(notice));
     // A line is printed for every row, so none may be left out.
     let cloud = args.reading.rows(&args.points)?.cloud()?;

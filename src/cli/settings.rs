@@ -37,6 +37,13 @@ pub fn preset_parser() -> impl TypedValueParser<Value = Preset> {
 impl Settings {
     /// The configuration, validated, and the preset it comes from.
     pub fn build(&self) -> Result<(Config, Preset), Failure> {
+        let (config, preset) = self.build_on(None)?;
+        Ok((config, preset.unwrap_or(Preset::Default)))
+    }
+
+    /// The same for a run that has options already: these, with what is given over them. A preset that is given counts
+    /// as a whole; none is returned if there is none.
+    pub fn build_on(&self, run: Option<&Config>) -> Result<(Config, Option<Preset>), Failure> {
         let mut entries = Vec::new();
         let mut preset = self.preset;
         if let Some(path) = &self.config {
@@ -51,8 +58,10 @@ impl Settings {
             }
             flatten("", table, &mut entries).map_err(|e| e.in_file(path))?;
         }
-        let preset = preset.unwrap_or(Preset::Default);
-        let mut config = Config::preset(preset);
+        let mut config = match (preset, run) {
+            (None, Some(run)) => run.clone(),
+            (preset, _) => Config::preset(preset.unwrap_or(Preset::Default)),
+        };
         for (key, value) in &entries {
             config.set(key, value).map_err(|e| match &self.config {
                 Some(path) => e.in_file(path),

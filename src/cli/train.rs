@@ -1,6 +1,6 @@
 //! The training loop as a program runs it: with progress, checkpoints, a time limit and Ctrl-C.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use bijective_sdf::Error;
@@ -44,11 +44,13 @@ pub struct Trained {
     pub timed_out: bool,
     /// Seconds of this run, preparation included.
     pub seconds: f64,
+    /// Why a checkpoint was not written, the last time that it was tried.
+    pub checkpoint: Result<(), Failure>,
 }
 
 /// Trains until done, out of time, or interrupted.
 pub fn train(
-    points: &[[f32; 3]],
+    points: &[[f64; 3]],
     config: &Config,
     plan: &Plan,
     interrupt: Option<&Interrupt>,
@@ -73,6 +75,7 @@ pub fn train(
         interrupt.begin();
     }
     let mut saved = Instant::now();
+    let mut checkpoint = Ok(());
     let mut last = None;
     let mut timed_out = false;
     while !trainer.is_done() {
@@ -94,7 +97,11 @@ pub fn train(
         if let Some((path, every)) = &plan.checkpoint
             && saved.elapsed() >= *every
         {
-            trainer.save_checkpoint(path).map_err(Failure::Output)?;
+            // A full disk may have room again the next time; the run goes on.
+            checkpoint = trainer.save_checkpoint(path).map_err(Failure::Output);
+            if let Err(failure) = &checkpoint {
+                progress.note(&format!("no checkpoint: {}", failure.text()));
+            }
             saved = Instant::now();
         }
     }
@@ -104,7 +111,7 @@ pub fn train(
     }
     let (steps, total) = (trainer.steps_done(), trainer.total_steps());
     if let Some((path, _)) = &plan.checkpoint {
-        trainer.save_checkpoint(path).map_err(Failure::Output)?;
+        checkpoint = trainer.save_checkpoint(path).map_err(Failure::Output);
     }
     let coded = if plan.codes { trainer.coded().transpose() } else { None };
     let field = trainer.finish();
@@ -117,18 +124,26 @@ pub fn train(
         last,
         timed_out,
         seconds: began.elapsed().as_secs_f64(),
+        checkpoint,
     })
 }
 
 fn interrupted(trainer: &Trainer, plan: &Plan) -> Result<Failure, Failure> {
     let at = format!("after step {} of {}", trainer.steps_done(), trainer.total_steps());
-    let path: Option<&Path> =
-        plan.checkpoint.as_ref().map(|(p, _)| p.as_path()).or(plan.on_interrupt.as_deref());
-    Ok(Failure::Interrupted(match path {
-        Some(path) => {
-            trainer.save_checkpoint(path).map_err(Failure::Output)?;
-            format!("{at}; go on with the same command and --resume {}", path.display())
+    // Beside the output, if the place for checkpoints has no room.
+    let paths = plan.checkpoint.iter().map(|(path, _)| path).chain(&plan.on_interrupt);
+    let mut failed = None;
+    for path in paths {
+        match trainer.save_checkpoint(path) {
+            Ok(()) => {
+                let text = format!("{at}; go on with the same command and --resume {}", path.display());
+                return Ok(Failure::Interrupted(text));
+            }
+            Err(e) => failed = Some(Failure::Output(e)),
         }
-        None => format!("{at}; nothing was kept, as --checkpoint gives no file"),
-    }))
+    }
+    failed.map_or_else(
+        || Ok(Failure::Interrupted(format!("{at}; nothing was kept, as --checkpoint gives no file"))),
+        Err,
+    )
 }

@@ -29,14 +29,19 @@ fn factor(text: &str) -> Result<f32, String> {
 
 /// What is left of a mesh, and how much was cut away.
 pub struct Part {
-    pub mesh: TriangleMesh,
+    pub mesh: TriangleMesh<[f64; 3]>,
     /// The factor and the share of the area that was removed; none if nothing was asked for.
     pub cut: Option<(f32, f64)>,
 }
 
 impl TrimArgs {
     /// The part of a mesh that the options leave, for the points it was made from.
-    pub fn part(&self, mesh: TriangleMesh, points: &[[f32; 3]], common: Common) -> Result<Part, Failure> {
+    pub fn part(
+        &self,
+        mesh: TriangleMesh<[f64; 3]>,
+        points: &[[f64; 3]],
+        common: Common,
+    ) -> Result<Part, Failure> {
         let Some(factor) = self.trim else { return Ok(Part { mesh, cut: None }) };
         let Trimmed { mesh, removed, .. } = trim(&mesh, &support(&mesh.verts, points)?, factor);
         if mesh.faces.is_empty() {

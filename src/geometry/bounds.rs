@@ -1,5 +1,6 @@
 //! Axis-aligned boxes and the map between the input's frame and the working frame.
 
+use super::Position;
 use crate::error::{Error, ErrorKind};
 
 /// The smallest axis-aligned box around some points, in double precision.
@@ -16,17 +17,17 @@ impl Bounds {
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if there is no point or if one has a coordinate that is not finite (the point is named).
-    pub fn of(points: &[[f32; 3]]) -> Result<Self, Error> {
+    pub fn of<P: Position>(points: &[P]) -> Result<Self, Error> {
         let mut b = Bounds { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3] };
         for (i, p) in points.iter().enumerate() {
-            if !p.iter().all(|x| x.is_finite()) {
+            let wide = p.wide();
+            if !wide.iter().all(|x| x.is_finite()) {
                 return Err(Error::new(ErrorKind::Data, format!("coordinates {p:?} are not finite"))
                     .at_element(format!("point {i}"))
                     .advise("remove the point"));
             }
-            let p = p.map(f64::from);
-            b.min = std::array::from_fn(|a| b.min[a].min(p[a]));
-            b.max = std::array::from_fn(|a| b.max[a].max(p[a]));
+            b.min = std::array::from_fn(|a| b.min[a].min(wide[a]));
+            b.max = std::array::from_fn(|a| b.max[a].max(wide[a]));
         }
         if points.is_empty() {
             return Err(Error::new(ErrorKind::Data, "no points, so no bounding box")
@@ -50,11 +51,32 @@ impl Bounds {
         self.size().into_iter().fold(0.0, f64::max)
     }
 
+    /// What to subtract from coordinates in this box so that 32 bits hold their detail: 0 as long as they do anyway (no
+    /// coordinate is beyond four times the longest side), else the middle, rounded to a multiple of a power of ten
+    /// about as long as the longest side.
+    pub fn offset(&self) -> [f64; 3] {
+        let longest = self.longest();
+        let far = self.min.iter().chain(&self.max).any(|x| x.abs() > NEAR * longest);
+        if !(far && longest > 0.0 && longest.is_finite()) {
+            return [0.0; 3];
+        }
+        let step = 10f64.powi(longest.log10().floor() as i32);
+        // Adding 0 turns -0 into 0.
+        self.center().map(|c| (c / step).round() * step + 0.0)
+    }
+
     /// The length of the diagonal.
     pub fn diagonal(&self) -> f64 {
         self.size().iter().map(|s| s * s).sum::<f64>().sqrt()
     }
 }
+
+/// Coordinates up to so many longest sides away from the origin keep their detail in 32 bits: they are rounded by less
+/// than 3e-7 of the longest side.
+const NEAR: f64 = 4.0;
+
+/// Places that [`Normalizer::place`] rounds to, for a side that is a power of two.
+const PLACES: f64 = (1u64 << 30) as f64;
 
 /// The map from the input's frame to the working frame and back.
 ///
@@ -80,7 +102,7 @@ impl Normalizer {
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if there is no point, if one is not finite, or if all points are the same.
-    pub fn of(points: &[[f32; 3]]) -> Result<Self, Error> {
+    pub fn of<P: Position>(points: &[P]) -> Result<Self, Error> {
         Self::of_bounds(&Bounds::of(points)?)
     }
 
@@ -130,8 +152,14 @@ impl Normalizer {
     }
 
     /// One point of the input's frame, in the working frame.
-    pub fn forward_point(&self, x: [f32; 3]) -> [f32; 3] {
-        std::array::from_fn(|a| ((f64::from(x[a]) - self.center[a]) / self.side) as f32)
+    pub fn forward_point<P: Position>(&self, x: P) -> [f32; 3] {
+        self.forward_wide(x).map(|x| x as f32)
+    }
+
+    /// One point of the input's frame, in the working frame, in 64 bits.
+    pub fn forward_wide<P: Position>(&self, x: P) -> [f64; 3] {
+        let x = x.wide();
+        std::array::from_fn(|a| (x[a] - self.center[a]) / self.side)
     }
 
     /// One point of the working frame, in the input's frame.
@@ -140,8 +168,24 @@ impl Normalizer {
     }
 
     /// Points of the input's frame (n x 3), in the working frame.
-    pub fn forward(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    pub fn forward<P: Position>(&self, points: &[P]) -> Vec<[f32; 3]> {
         points.iter().map(|&p| self.forward_point(p)).collect()
+    }
+
+    /// Points of the working frame (n x 3), in the input's frame and in 64 bits.
+    ///
+    /// How they lie to the centre of the box is rounded to multiples of 2^-30 of the longest side, or of the next power
+    /// of two above it. So a cloud that is moved or scaled by a power of two without rounding has the same places,
+    /// moved or scaled, to the bit.
+    pub fn place(&self, points: &[[f32; 3]]) -> Vec<[f64; 3]> {
+        let step = 2f64.powi(self.side.log2().ceil() as i32) / PLACES;
+        let placed = |p: &[f32; 3]| -> [f64; 3] {
+            std::array::from_fn(|a| {
+                let r = f64::from(p[a]) * self.side;
+                self.center[a] + (r / step).round_ties_even() * step
+            })
+        };
+        points.iter().map(placed).collect()
     }
 
     /// Points of the working frame (n x 3), in the input's frame.
@@ -207,6 +251,41 @@ mod tests {
         check_round_trip(&utm);
         let far = [[1e4f32, 0.0, 0.0], [1e4 + 1.0, 0.5, 0.25]];
         check_round_trip(&far);
+    }
+
+    #[test]
+    fn offsets_are_round_numbers_and_only_where_they_are_needed() {
+        let of = |min: [f64; 3], max: [f64; 3]| Bounds { min, max }.offset();
+        assert_eq!(of([7.0, -4.0, -3.0], [13.0, 2.0, 3.0]), [0.0; 3]);
+        let utm = of([450_113.4, 5_411_224.6, 310.0], [450_133.4, 5_411_240.0, 330.0]);
+        assert_eq!(utm, [450_120.0, 5_411_230.0, 320.0]);
+        assert_eq!(of([1e-9, 0.0, 0.0], [1.1e-9, 1e-11, 1e-11])[1], 0.0);
+        assert_eq!(of([5.0; 3], [5.0; 3]), [0.0; 3]);
+    }
+
+    #[test]
+    fn places_move_and_scale_with_the_cloud_to_the_bit() {
+        let cloud: Vec<[f32; 3]> =
+            (0..40).map(|i| [0.37 * i as f32, (i * i % 17) as f32 / 3.0, (i % 5) as f32 - 1.1]).collect();
+        let inside: Vec<[f32; 3]> =
+            (0..40).map(|i| [0.5 - i as f32 / 40.0, 1e-7 * i as f32, 0.3 * (i as f32).sin()]).collect();
+        let own = Normalizer::of(&cloud).unwrap();
+        let places = own.place(&inside);
+        for (p, y) in places.iter().zip(&inside) {
+            assert!((0..3).all(|a| (own.forward_wide(*p)[a] - f64::from(y[a])).abs() < 1e-9), "{p:?}");
+        }
+        for (scale, by) in [
+            (1.0, [1024.0, -3.5, 0.25]),
+            (1.0, [450_123.5, 5_411_234.75, 320.0]),
+            (2f64.powi(-30), [0.0; 3]),
+            (2f64.powi(40), [0.0; 3]),
+        ] {
+            let to = |p: [f64; 3]| -> [f64; 3] { std::array::from_fn(|a| scale * p[a] + by[a]) };
+            let moved: Vec<[f64; 3]> = cloud.iter().map(|p| to(p.wide())).collect();
+            let frame = Normalizer::of(&moved).unwrap();
+            assert_eq!(frame.forward(&moved), own.forward(&cloud));
+            assert_eq!(frame.place(&inside), places.iter().map(|&p| to(p)).collect::<Vec<_>>());
+        }
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::collections::HashSet;
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
+use super::{Position, are_f32};
 use crate::{Error, ErrorKind};
 
 /// The smallest extent of a solid cloud against its largest.
@@ -13,8 +14,8 @@ const FLAT: f64 = 1e-6;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct CleanCloud {
-    /// The distinct points, n x 3, in their first order of appearance, to the bit as given.
-    pub points: Vec<[f32; 3]>,
+    /// The distinct points, n x 3, in their first order of appearance, exactly as given.
+    pub points: Vec<[f64; 3]>,
     /// How many points were left out because an earlier one lies at the same place.
     pub duplicates_merged: usize,
     /// The lengths of the cloud along its principal axes, largest first, in the points' unit.
@@ -24,18 +25,19 @@ pub struct CleanCloud {
 /// Merges exact duplicates of n x 3 `points` and refuses clouds that enclose nothing.
 ///
 /// The cloud counts as flat if its extent along the smallest principal axis is below 1e-6 of the largest, or below
-/// what 32-bit rounding at the size of the coordinates produces by itself. The test moves and scales with the cloud.
+/// what rounding at the size of the coordinates produces by itself: rounding to 32 bits where these hold all coordinates
+/// exactly, else to 64. The test moves and scales with the cloud.
 ///
 /// # Errors
 ///
-/// [`ErrorKind::Data`] for no points, a coordinate that is not finite (with the number of the point, from 0), fewer
-/// than 4 distinct points, or all points on one line or in one plane.
-pub fn clean_cloud(points: &[[f32; 3]]) -> Result<CleanCloud, Error> {
+/// [`ErrorKind::Data`] for no points, a coordinate that is not finite or beyond the range of 32-bit floats (with the
+/// number of the point, from 0), fewer than 4 distinct points, or all points on one line or in one plane.
+pub fn clean_cloud<P: Position>(points: &[P]) -> Result<CleanCloud, Error> {
     if points.is_empty() {
         return Err(data("there are no points").advise("give at least 4 points, better a few hundred"));
     }
-    if let Some(i) = points.iter().position(|p| p.iter().any(|x| !x.is_finite())) {
-        let [x, y, z] = points[i];
+    if let Some(i) = points.iter().position(|p| p.wide().iter().any(|&x| !(x as f32).is_finite())) {
+        let [x, y, z] = points[i].wide();
         return Err(data(format!("({x}, {y}, {z}) is not finite"))
             .at_element(format!("point {i}"))
             .advise("remove or repair it (points are counted from 0)"));
@@ -43,8 +45,8 @@ pub fn clean_cloud(points: &[[f32; 3]]) -> Result<CleanCloud, Error> {
 
     let mut seen = HashSet::with_capacity(points.len());
     // Adding 0 turns -0 into 0, so that points at the same place compare equal as bits.
-    let distinct: Vec<[f32; 3]> =
-        points.iter().copied().filter(|p| seen.insert(p.map(|x| (x + 0.0).to_bits()))).collect();
+    let distinct: Vec<[f64; 3]> =
+        points.iter().map(|p| p.wide()).filter(|p| seen.insert(p.map(|x| (x + 0.0).to_bits()))).collect();
     let n = distinct.len();
     if n < 4 {
         return Err(data(format!("{} points have only {n} distinct positions", points.len()))
@@ -52,10 +54,10 @@ pub fn clean_cloud(points: &[[f32; 3]]) -> Result<CleanCloud, Error> {
     }
 
     let extents = principal_extents(&distinct);
-    let size = distinct.as_flattened().iter().fold(0.0_f32, |m, x| m.max(x.abs()));
+    let size = distinct.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
+    let step = if are_f32(&distinct) { f64::from(f32::EPSILON) } else { f64::EPSILON };
     // Each coordinate is off by at most half a step at `size`; both ends of an extent, in three axes, may add up.
-    let rounding = 2.0 * f64::from(f32::EPSILON) * f64::from(size);
-    let least = (FLAT * extents[0]).max(rounding);
+    let least = (FLAT * extents[0]).max(2.0 * step * size);
     if extents[2] < least {
         let place = if extents[1] < least { "on one line" } else { "in one plane" };
         return Err(data(format!(
@@ -63,8 +65,8 @@ pub fn clean_cloud(points: &[[f32; 3]]) -> Result<CleanCloud, Error> {
             extents[0], extents[1], extents[2]
         ))
         .advise(
-            "a closed surface needs points on all of its sides; if the coordinates carry a large common offset, \
-             subtract it before they are stored as 32-bit floats",
+            "a closed surface needs points on all of its sides; if the coordinates carry a large common offset and were \
+             stored as 32-bit floats, store them in 64 bits or subtract it first",
         ));
     }
     Ok(CleanCloud { duplicates_merged: points.len() - n, points: distinct, extents })
@@ -93,9 +95,9 @@ pub fn distinct_places(points: &[[f32; 3]], step: f64) -> usize {
 /// The lengths of the cloud along the axes of its covariance, largest first.
 ///
 /// Lengths, not standard deviations: a single point off the plane of a million others still counts in full. Points are
-/// taken from their mean in `f64`, so a large offset cancels exactly enough.
-fn principal_extents(points: &[[f32; 3]]) -> [f64; 3] {
-    let wide = |p: &[f32; 3]| Vector3::from(p.map(f64::from));
+/// taken from their mean, so a large offset cancels exactly enough.
+fn principal_extents(points: &[[f64; 3]]) -> [f64; 3] {
+    let wide = |p: &[f64; 3]| Vector3::from(*p);
     let count = points.len() as f64;
     let mean = points.iter().map(wide).sum::<Vector3<f64>>() / count;
     // Scaling by the largest coordinate keeps squares of tiny and huge clouds inside the range of `f64`.
@@ -142,7 +144,7 @@ mod tests {
     fn duplicates_merge_and_the_first_order_stays() {
         let [a, b, c, d] = CORNERS;
         let clean = clean_cloud(&[d, a, d, b, [-0.0, 0.0, -0.0], c, b, d]).unwrap();
-        assert_eq!(clean.points, [d, a, b, c]);
+        assert_eq!(clean.points, [d, a, b, c].map(Position::wide));
         assert_eq!(clean.duplicates_merged, 4);
         assert!(clean.extents[0] >= clean.extents[2] && clean.extents[2] > 0.1);
     }

@@ -5,6 +5,7 @@ mod cloud;
 mod farthest;
 mod grid;
 mod mesh;
+mod position;
 mod search;
 mod shapes;
 mod spacing;
@@ -19,8 +20,11 @@ pub use grid::{
     ActiveSet, BandTopology, FieldFn, Isosurface, NarrowBandOptions, TetGrid, active_set, extract,
     interpolate, march,
 };
-pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
+pub use mesh::{
+    MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface, shortest, significant,
+};
 pub(crate) use mesh::{connected, cumulative_areas};
+pub use position::{Position, about, are_f32, widened};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
 pub use shapes::Shape;

@@ -29,7 +29,7 @@ use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
-use crate::geometry::TriangleMesh;
+use crate::geometry::{Bounds, TriangleMesh, are_f32};
 use crate::{Error, ErrorKind};
 
 mod atomic;
@@ -61,16 +61,16 @@ pub use foreign::name_file;
 pub use format::Format;
 pub use options::{Columns, Raw, ReadOptions};
 pub use write::{
-    Encoding, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to, write_mesh,
-    write_mesh_as, write_mesh_to,
+    Encoding, offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to,
+    write_mesh, write_mesh_as, write_mesh_to,
 };
 
 /// The points of a file and what the reader left out.
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct PointCloud {
-    /// Positions, n x 3, all finite, in the order and units of the file.
-    pub points: Vec<[f32; 3]>,
+    /// Positions, n x 3, all finite and within the range of 32-bit floats, in the order, units and digits of the file.
+    pub points: Vec<[f64; 3]>,
     /// Normals, n x 3, all finite and of the file's lengths, if there are columns or properties `nx`, `ny` and `nz`
     /// (PLY, XYZ and CSV). The reconstruction does not use them.
     pub normals: Option<Vec<[f32; 3]>>,
@@ -137,9 +137,11 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
         };
         return Err(Error::new(ErrorKind::Data, what).advise("give a file with at least 4 points"));
     }
-    let points = to_floats(&loaded.verts, "point")?;
+    check_range(&loaded.verts, "point")?;
+    round_to_floats(&mut loaded.verts, false);
     let mut warnings = loaded.warnings;
     warnings.extend(coarse_floats(&loaded.verts));
+    let points = loaded.verts;
     let mut notices = loaded.notices;
     let mut normals = Some(loaded.normals).filter(|n| !n.is_empty());
     if let Some(i) = normals.iter().flatten().position(|n| n.iter().any(|x| !x.is_finite())) {
@@ -158,7 +160,7 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
 
 /// Reads a triangle mesh from a PLY, OBJ, STL or OFF file; polygons become fans of triangles.
 ///
-/// Every face index is below the number of vertices. Vertices and faces keep the order of the file; STL, which repeats
+/// Every face index is below the number of vertices. Vertices and faces keep the order of the file, vertices their digits; STL, which repeats
 /// each vertex, gets equal positions merged.
 ///
 /// # Errors
@@ -166,7 +168,7 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
 /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Format`] if the format is unknown or holds no faces or
 /// the bytes do not follow it, [`ErrorKind::Data`] for a file without vertices or faces or with a coordinate that is
 /// not finite.
-pub fn read_mesh(path: impl AsRef<Path>) -> Result<TriangleMesh, Error> {
+pub fn read_mesh(path: impl AsRef<Path>) -> Result<TriangleMesh<[f64; 3]>, Error> {
     read_mesh_path(path.as_ref(), None)
 }
 
@@ -175,7 +177,7 @@ pub fn read_mesh(path: impl AsRef<Path>) -> Result<TriangleMesh, Error> {
 /// # Errors
 ///
 /// As [`read_mesh`].
-pub fn read_mesh_as(path: impl AsRef<Path>, format: Format) -> Result<TriangleMesh, Error> {
+pub fn read_mesh_as(path: impl AsRef<Path>, format: Format) -> Result<TriangleMesh<[f64; 3]>, Error> {
     read_mesh_path(path.as_ref(), Some(format))
 }
 
@@ -184,7 +186,7 @@ pub fn read_mesh_as(path: impl AsRef<Path>, format: Format) -> Result<TriangleMe
 /// # Errors
 ///
 /// As [`read_mesh`], without a file name and without [`ErrorKind::Io`].
-pub fn read_mesh_bytes(bytes: &[u8], format: Option<Format>) -> Result<TriangleMesh, Error> {
+pub fn read_mesh_bytes(bytes: &[u8], format: Option<Format>) -> Result<TriangleMesh<[f64; 3]>, Error> {
     read_mesh_with(bytes, &ReadOptions { format, ..ReadOptions::default() })
 }
 
@@ -193,9 +195,9 @@ pub fn read_mesh_bytes(bytes: &[u8], format: Option<Format>) -> Result<TriangleM
 /// # Errors
 ///
 /// As [`read_mesh_bytes`].
-pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMesh, Error> {
+pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMesh<[f64; 3]>, Error> {
     let bytes = &unpacked(bytes)?;
-    let loaded = load(bytes, choose(bytes, options)?, options, Want::Mesh)?;
+    let mut loaded = load(bytes, choose(bytes, options)?, options, Want::Mesh)?;
     if loaded.verts.is_empty() || loaded.faces.is_empty() {
         let what = if loaded.verts.is_empty() { "vertices" } else { "faces" };
         return Err(Error::new(ErrorKind::Data, format!("there are no {what}"))
@@ -211,7 +213,9 @@ pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMes
         .at_element(format!("triangle {i}"))
         .advise("the file is truncated or its indices are wrong; export it again"));
     }
-    Ok(TriangleMesh { verts: to_floats(&loaded.verts, "vertex")?, faces: loaded.faces })
+    check_range(&loaded.verts, "vertex")?;
+    round_to_floats(&mut loaded.verts, false);
+    Ok(TriangleMesh { verts: loaded.verts, faces: loaded.faces })
 }
 
 /// What is of interest: points, points of which none may be left out, or vertices and faces.
@@ -253,7 +257,7 @@ fn read_cloud_path(path: &Path, format: Option<Format>) -> Result<PointCloud, Er
     read_cloud_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
 }
 
-fn read_mesh_path(path: &Path, format: Option<Format>) -> Result<TriangleMesh, Error> {
+fn read_mesh_path(path: &Path, format: Option<Format>) -> Result<TriangleMesh<[f64; 3]>, Error> {
     let options = ReadOptions { format, hint: Format::from_path(path), ..ReadOptions::default() };
     read_mesh_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
 }
@@ -368,17 +372,34 @@ fn not_finite(x: f64, axis: usize) -> Error {
         .advise("remove or repair it (elements are counted from 0)")
 }
 
-/// The positions as 32-bit numbers.
-fn to_floats(verts: &[[f64; 3]], noun: &str) -> Result<Vec<[f32; 3]>, Error> {
-    let mut out = Vec::with_capacity(verts.len());
+/// Refuses positions beyond the range of 32-bit numbers.
+fn check_range(verts: &[[f64; 3]], noun: &str) -> Result<(), Error> {
     for (i, p) in verts.iter().enumerate() {
-        let point = p.map(|x| x as f32);
-        if let Some(axis) = point.iter().position(|x| !x.is_finite()) {
+        if let Some(axis) = p.iter().position(|&x| !(x as f32).is_finite()) {
             return Err(not_finite(p[axis], axis).at_element(format!("{noun} {i}")));
         }
-        out.push(point);
     }
-    Ok(out)
+    Ok(())
+}
+
+/// Rounds positions to 32 bits if a file declares them as such (`declared`), or if all of them are the shortest decimals
+/// of 32-bit numbers, as programs write those: then it is these numbers that are meant, and a text holds the same cloud
+/// as a binary file. Not where 32 bits would lose the detail ([`Bounds::offset`]).
+fn round_to_floats(verts: &mut [[f64; 3]], declared: bool) {
+    let mut digits = String::new();
+    let mut is_float = |x: f64| {
+        let narrow = x as f32;
+        if f64::from(narrow) == x {
+            return true;
+        }
+        digits.clear();
+        let _ = std::fmt::Write::write_fmt(&mut digits, format_args!("{narrow:e}"));
+        digits.parse() == Ok(x)
+    };
+    let floats = declared || verts.as_flattened().iter().all(|&x| is_float(x));
+    if floats && Bounds::of(verts).is_ok_and(|bounds| bounds.offset() == [0.0; 3]) {
+        verts.as_flattened_mut().iter_mut().for_each(|x| *x = f64::from(*x as f32));
+    }
 }
 
 /// Cuts a polygon into triangles that share its first corner.
@@ -406,23 +427,16 @@ fn push_fan(faces: &mut Vec<[u32; 3]>, polygon: &[i64]) -> Result<(), Error> {
     Ok(())
 }
 
-/// A notice where the coordinates are so large against the cloud's size that 32-bit floats lose its detail, as with
-/// map coordinates.
+/// A warning where the coordinates have been stored in 32 bits and are so large against the cloud's size that its detail
+/// is lost in the file, as with map coordinates.
 fn coarse_floats(points: &[[f64; 3]]) -> Option<String> {
-    let (mut low, mut high) = ([f64::INFINITY; 3], [f64::NEG_INFINITY; 3]);
-    for p in points {
-        for axis in 0..3 {
-            low[axis] = low[axis].min(p[axis]);
-            high[axis] = high[axis].max(p[axis]);
-        }
-    }
-    let widest = (0..3).map(|a| high[a] - low[a]).fold(0.0, f64::max);
-    let largest = (0..3).map(|a| high[a].max(-low[a])).fold(0.0, f64::max);
-    let step = largest * f64::from(f32::EPSILON);
-    (widest > 0.0 && step > 1e-4 * widest).then(|| {
+    let bounds = Bounds::of(points).ok()?;
+    let largest = bounds.min.iter().chain(&bounds.max).fold(0.0, |m: f64, x| m.max(x.abs()));
+    let (widest, step) = (bounds.longest(), largest * f64::from(f32::EPSILON));
+    (widest > 0.0 && step > 1e-4 * widest && are_f32(points)).then(|| {
         format!(
-            "coordinates near {largest:.3e} are kept to steps of {step:.1e} only, and the cloud measures \
-             {widest:.3e}; subtract a common offset from the file to keep its detail"
+            "coordinates near {largest:.3e} are stored in 32 bits, to steps of {step:.1e}, and the cloud measures \
+             {widest:.3e}; export them in 64 bits, or less a common offset, to keep its detail"
         )
     })
 }

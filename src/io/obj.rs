@@ -2,7 +2,8 @@
 
 use std::io::{self, Write};
 
-use super::text::{Lines, integer, show, three_floats, without_mark, words, write_floats};
+use super::text::{Lines, integer, show, three_floats, without_mark, words, write_position};
+use super::write::Width;
 use super::{Loaded, Want, check_point, push_fan};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
@@ -61,10 +62,10 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
 }
 
 /// Writes a mesh with indices from 1.
-pub(super) fn write(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+pub(super) fn write(out: &mut dyn Write, mesh: &TriangleMesh<[f64; 3]>, width: Width) -> io::Result<()> {
     for &p in &mesh.verts {
         out.write_all(b"v ")?;
-        write_floats(out, p, " ")?;
+        write_position(out, p, width, " ")?;
         out.write_all(b"\n")?;
     }
     for [a, b, c] in &mesh.faces {

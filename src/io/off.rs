@@ -8,8 +8,9 @@
 use std::io::{self, Write};
 
 use super::text::{
-    Lines, float, integer, not_a_number, show, three_floats, without_mark, words, write_floats,
+    Lines, float, integer, not_a_number, show, three_floats, without_mark, words, write_position,
 };
+use super::write::Width;
 use super::{Loaded, Want, check_point, push_fan};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
@@ -87,10 +88,10 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
 }
 
 /// Writes a mesh.
-pub(super) fn write(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+pub(super) fn write(out: &mut dyn Write, mesh: &TriangleMesh<[f64; 3]>, width: Width) -> io::Result<()> {
     writeln!(out, "OFF\n{} {} 0", mesh.verts.len(), mesh.faces.len())?;
     for &p in &mesh.verts {
-        write_floats(out, p, " ")?;
+        write_position(out, p, width, " ")?;
         out.write_all(b"\n")?;
     }
     for [a, b, c] in &mesh.faces {

@@ -1,9 +1,12 @@
 //! What holds for every format: round trips, damage, the choice of the format.
 
 use super::*;
+use crate::geometry::about;
 use proptest::prelude::*;
 
 const TETRAHEDRON: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.25]];
+/// The same in 64 bits.
+const WIDE: [[f64; 3]; 4] = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.25]];
 
 fn tetrahedron() -> TriangleMesh {
     TriangleMesh { verts: TETRAHEDRON.to_vec(), faces: vec![[0, 1, 2], [0, 2, 3], [2, 1, 3], [1, 0, 3]] }
@@ -31,7 +34,8 @@ fn samples() -> Vec<(Format, Vec<u8>)> {
     }
     let mut big = Vec::new();
     let mesh = tetrahedron();
-    ply::write(&mut big, &mesh.verts, Some(&mesh.faces), ply_rs::ply::Encoding::BinaryBigEndian).unwrap();
+    let encoding = ply_rs::ply::Encoding::BinaryBigEndian;
+    ply::write(&mut big, &WIDE, write::Width::Single, Some(&mesh.faces), encoding).unwrap();
     files.push((Format::Ply, big));
     files.push((Format::Obj, mesh_bytes(&mesh, Format::Obj, Encoding::Ascii)));
     files.push((Format::Xyz, cloud_bytes(&TETRAHEDRON, Format::Xyz, Encoding::Ascii)));
@@ -96,12 +100,12 @@ fn answers(bytes: &[u8], format: Option<Format>) {
 fn samples_are_read_by_name_and_by_content() {
     for (format, bytes) in samples() {
         let cloud = read_cloud_bytes(&bytes, Some(format)).unwrap_or_else(|e| panic!("{format}: {e}"));
-        assert_eq!(cloud.points, TETRAHEDRON, "{format}");
+        assert_eq!(cloud.points, WIDE, "{format}");
         if format != Format::Kitti {
             assert_eq!(read_cloud_bytes(&bytes, None).unwrap(), cloud, "{format}");
         }
         match read_mesh_bytes(&bytes, Some(format)) {
-            Ok(mesh) => assert_eq!(mesh, tetrahedron(), "{format}"),
+            Ok(mesh) => assert_eq!(mesh, tetrahedron().wide(), "{format}"),
             Err(e) => assert!(e.to_string().contains("points without faces"), "{format}: {e}"),
         }
     }
@@ -134,7 +138,7 @@ fn a_binary_truncation_is_never_taken_for_the_whole() {
             assert!(read_mesh_bytes(&bytes[..end], Some(format)).is_err(), "{format} at {end}");
             // The points of a PLY mesh are whole once its vertices are.
             let cloud = read_cloud_bytes(&bytes[..end], Some(format));
-            assert!(cloud.is_err() || (format == Format::Ply && cloud.unwrap().points == TETRAHEDRON));
+            assert!(cloud.is_err() || (format == Format::Ply && cloud.unwrap().points == WIDE));
         }
     }
 }
@@ -158,17 +162,17 @@ fn paths_choose_formats_and_errors_name_the_file() {
     fs::create_dir_all(&dir).unwrap();
     for name in ["a.ply", "a.OBJ", "a.stl"] {
         write_mesh(dir.join(name), &tetrahedron()).unwrap();
-        assert_eq!(read_mesh(dir.join(name)).unwrap(), tetrahedron());
-        assert_eq!(read_cloud(dir.join(name)).unwrap().points, TETRAHEDRON);
+        assert_eq!(read_mesh(dir.join(name)).unwrap(), tetrahedron().wide());
+        assert_eq!(read_cloud(dir.join(name)).unwrap().points, WIDE);
     }
     for name in ["b.ply", "b.xyz", "b.csv", "b.pts"] {
         write_cloud(dir.join(name), &TETRAHEDRON).unwrap();
-        assert_eq!(read_cloud(dir.join(name)).unwrap().points, TETRAHEDRON);
+        assert_eq!(read_cloud(dir.join(name)).unwrap().points, WIDE);
     }
     write_cloud_as(dir.join("c"), &TETRAHEDRON, Format::Ply, Encoding::Ascii).unwrap();
-    assert_eq!(read_cloud(dir.join("c")).unwrap().points, TETRAHEDRON);
+    assert_eq!(read_cloud(dir.join("c")).unwrap().points, WIDE);
     write_mesh_as(dir.join("c.bin"), &tetrahedron(), Format::Ply, Encoding::Ascii).unwrap();
-    assert_eq!(read_mesh_as(dir.join("c.bin"), Format::Ply).unwrap(), tetrahedron());
+    assert_eq!(read_mesh_as(dir.join("c.bin"), Format::Ply).unwrap(), tetrahedron().wide());
     assert!(read_cloud_as(dir.join("c"), Format::Npy).is_err());
 
     fs::write(dir.join("d.xyz"), "1 2 3\n4 5\n").unwrap();
@@ -230,7 +234,10 @@ fn map_coordinates_are_noticed() {
         read_cloud_bytes(&cloud_bytes(p, Format::Ply, Encoding::Binary), None).unwrap().warnings
     };
     assert!(notices(&near).is_empty());
-    assert!(notices(&far)[0].contains("subtract a common offset"), "{:?}", notices(&far));
+    assert!(notices(&far)[0].contains("export them in 64 bits"), "{:?}", notices(&far));
+    // With more digits than 32 bits have, nothing is lost.
+    let text = "400000.123 0 0.5\n400001 0.25 0\n400000 1 0\n400000.5 0 1\n";
+    assert!(read_cloud_bytes(text.as_bytes(), Some(Format::Xyz)).unwrap().warnings.is_empty());
 }
 
 fn finite() -> impl Strategy<Value = f32> {
@@ -249,6 +256,28 @@ fn corners(mesh: &TriangleMesh) -> Vec<[u32; 3]> {
     mesh.faces.as_flattened().iter().map(|&i| mesh.verts[i as usize].map(|x| (x + 0.0).to_bits())).collect()
 }
 
+#[test]
+fn digits_of_32_bits_mean_those_numbers_and_others_keep_64() {
+    let read = |text: &str| read_cloud_bytes(text.as_bytes(), Some(Format::Xyz)).unwrap().points;
+    let floats = [[0.1f32, -2.7, 1e-7], [0.33333334, 5.0, 1234.567], [0.25, 1.0, -0.1], [7.5, -3.1, 0.7]];
+    let text =
+        |points: &[[f32; 3]]| String::from_utf8(cloud_bytes(points, Format::Xyz, Encoding::Ascii)).unwrap();
+    assert_eq!(read(&text(&floats)), floats.map(|p| p.map(f64::from)));
+    // One number with more digits, and all are taken as they stand.
+    let finer = text(&floats) + "0.123456789012 1 2\n";
+    assert_eq!((read(&finer)[0][0], read(&finer)[4][0]), (0.1, 0.123456789012));
+    // Map coordinates with a decimal would fit 32 bits by their digits, but not by their detail.
+    assert_eq!(read("450123.4 0.5 1\n450124.1 1.5 2\n450120.3 3.5 3\n450119.9 1 1\n")[0][0], 450_123.4);
+    // What a PLY file declares counts, whatever its digits.
+    let ply = |number: &str| {
+        let head =
+            format!("ply\nformat ascii 1.0\nelement vertex 1\nproperty {number} x\nproperty {number} y\n");
+        let text = format!("{head}property {number} z\nend_header\n0.123456789012 1 2\n");
+        read_cloud_bytes(text.as_bytes(), None).unwrap().points[0][0]
+    };
+    assert_eq!((ply("double"), ply("float")), (0.123456789012, f64::from(0.123_456_79_f32)));
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
@@ -259,11 +288,11 @@ proptest! {
         for format in [Format::Ply, Format::Xyz, Format::Csv] {
             for encoding in [Encoding::Binary, Encoding::Ascii] {
                 let cloud = read_cloud_with(&cloud_bytes(&points, format, encoding), &options(Some(format))).unwrap();
-                prop_assert_eq!(bits(&cloud.points), bits(&points), "{}", format);
+                prop_assert_eq!(bits(&about(&cloud.points, [0.0; 3])), bits(&points), "{}", format);
             }
         }
         let cloud = read_cloud_with(&npy::tests::write(&points), &options(None)).unwrap();
-        prop_assert_eq!(bits(&cloud.points), bits(&points));
+        prop_assert_eq!(bits(&about(&cloud.points, [0.0; 3])), bits(&points));
     }
 
     #[test]
@@ -276,11 +305,11 @@ proptest! {
         for encoding in [Encoding::Binary, Encoding::Ascii] {
             for format in [Format::Ply, Format::Obj] {
                 let back = read_mesh_bytes(&mesh_bytes(&mesh, format, encoding), Some(format)).unwrap();
-                prop_assert_eq!(bits(&back.verts), bits(&mesh.verts), "{}", format);
+                prop_assert_eq!(bits(&back.about([0.0; 3]).verts), bits(&mesh.verts), "{}", format);
                 prop_assert_eq!(&back.faces, &mesh.faces, "{}", format);
             }
             let back = read_mesh_bytes(&mesh_bytes(&mesh, Format::Stl, encoding), Some(Format::Stl)).unwrap();
-            prop_assert_eq!(corners(&back), corners(&mesh));
+            prop_assert_eq!(corners(&back.about([0.0; 3])), corners(&mesh));
         }
     }
 

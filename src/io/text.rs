@@ -2,6 +2,7 @@
 
 use std::io::{self, Write};
 
+use super::write::Width;
 use crate::{Error, ErrorKind};
 
 /// The lines of a text with their numbers from 1. A line ends at `\n`, `\r\n` or a lone `\r`.
@@ -110,13 +111,34 @@ pub(super) fn write_float(out: &mut dyn Write, x: f32) -> io::Result<()> {
     if size == 0.0 || (1e-5..1e9).contains(&size) { write!(out, "{x}") } else { write!(out, "{x:e}") }
 }
 
+/// Writes the shortest digits that read back as the same `f64`, with an exponent where plain digits get long.
+pub(super) fn write_double(out: &mut dyn Write, x: f64) -> io::Result<()> {
+    let size = x.abs();
+    if size == 0.0 || (1e-5..1e16).contains(&size) { write!(out, "{x}") } else { write!(out, "{x:e}") }
+}
+
+/// Writes x, y, z with `separator` between them, in digits of 32 or 64 bits.
+pub(super) fn write_position(
+    out: &mut dyn Write,
+    p: [f64; 3],
+    width: Width,
+    separator: &str,
+) -> io::Result<()> {
+    for (axis, x) in p.into_iter().enumerate() {
+        if axis > 0 {
+            out.write_all(separator.as_bytes())?;
+        }
+        match width {
+            Width::Single => write_float(out, x as f32)?,
+            Width::Double => write_double(out, x)?,
+        }
+    }
+    Ok(())
+}
+
 /// Writes x, y, z with `separator` between them.
 pub(super) fn write_floats(out: &mut dyn Write, p: [f32; 3], separator: &str) -> io::Result<()> {
-    write_float(out, p[0])?;
-    out.write_all(separator.as_bytes())?;
-    write_float(out, p[1])?;
-    out.write_all(separator.as_bytes())?;
-    write_float(out, p[2])
+    write_position(out, p.map(f64::from), Width::Single, separator)
 }
 
 #[cfg(test)]

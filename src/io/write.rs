@@ -4,7 +4,7 @@ use std::io::{self, Write};
 use std::path::Path;
 
 use super::{Format, Want, check_point, obj, off, ply, stl, table, write_atomic};
-use crate::geometry::TriangleMesh;
+use crate::geometry::{Bounds, Position, TriangleMesh, are_f32, widened};
 use crate::{Error, ErrorKind};
 
 /// Whether numbers are written as bytes or as digits; both read back to the same bits.
@@ -17,14 +17,38 @@ pub enum Encoding {
     Ascii,
 }
 
+/// The bits that a coordinate is written with.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Width {
+    /// 32.
+    Single,
+    /// 64.
+    Double,
+}
+
+impl Width {
+    /// 32 bits where these hold all coordinates exactly.
+    fn of_cloud(points: &[[f64; 3]]) -> Width {
+        if are_f32(points) { Width::Single } else { Width::Double }
+    }
+
+    /// 32 bits also where they lose nothing of the detail ([`Bounds::offset`]), as everybody reads them.
+    fn of_mesh(verts: &[[f64; 3]]) -> Width {
+        let near = Bounds::of(verts).is_ok_and(|bounds| bounds.offset() == [0.0; 3]);
+        if near { Width::Single } else { Width::of_cloud(verts) }
+    }
+}
+
 /// Writes a mesh in the format that the extension of `path` means: `ply` and `stl` in binary, `obj` as text.
 ///
-/// The file appears whole or not at all, see [`write_atomic`].
+/// The file appears whole or not at all, see [`write_atomic`]. Coordinates are written in 32 bits where that loses
+/// nothing that matters ([`Bounds::offset`] is 0), else in 64. STL has 32 only: see
+/// [`offset_left_out`].
 ///
 /// # Errors
 ///
 /// As [`write_mesh_as`]; [`ErrorKind::Format`] also if the extension means no format.
-pub fn write_mesh(path: impl AsRef<Path>, mesh: &TriangleMesh) -> Result<(), Error> {
+pub fn write_mesh<P: Position>(path: impl AsRef<Path>, mesh: &TriangleMesh<P>) -> Result<(), Error> {
     let path = path.as_ref();
     write_mesh_as(path, mesh, by_extension(path, "ply, obj, stl, off")?, Encoding::Binary)
 }
@@ -35,15 +59,15 @@ pub fn write_mesh(path: impl AsRef<Path>, mesh: &TriangleMesh) -> Result<(), Err
 ///
 /// [`ErrorKind::Format`] for a format that holds no meshes, [`ErrorKind::Data`] for a mesh without faces, with an index
 /// out of range or a coordinate that is not finite, [`ErrorKind::Io`] if writing fails.
-pub fn write_mesh_as(
+pub fn write_mesh_as<P: Position>(
     path: impl AsRef<Path>,
-    mesh: &TriangleMesh,
+    mesh: &TriangleMesh<P>,
     format: Format,
     encoding: Encoding,
 ) -> Result<(), Error> {
-    let path = path.as_ref();
-    check_mesh(mesh, format).map_err(|e| e.in_file(path))?;
-    write_atomic(path, |out| emit_mesh(out, mesh, format, encoding).map_err(failed))
+    let (path, mesh) = (path.as_ref(), mesh.wide());
+    check_mesh(&mesh, format).map_err(|e| e.in_file(path))?;
+    write_atomic(path, |out| emit_mesh(out, &mesh, format, encoding).map_err(failed))
 }
 
 /// Writes a mesh to any writer; nothing is written unless the mesh passes the checks. Give a buffered writer.
@@ -51,22 +75,24 @@ pub fn write_mesh_as(
 /// # Errors
 ///
 /// As [`write_mesh_as`].
-pub fn write_mesh_to(
+pub fn write_mesh_to<P: Position>(
     mut out: impl Write,
-    mesh: &TriangleMesh,
+    mesh: &TriangleMesh<P>,
     format: Format,
     encoding: Encoding,
 ) -> Result<(), Error> {
-    check_mesh(mesh, format)?;
-    emit_mesh(&mut out, mesh, format, encoding).and_then(|()| out.flush()).map_err(failed)
+    let mesh = mesh.wide();
+    check_mesh(&mesh, format)?;
+    emit_mesh(&mut out, &mesh, format, encoding).and_then(|()| out.flush()).map_err(failed)
 }
 
-/// Writes points, n x 3, in the format that the extension of `path` means: `ply` in binary, `xyz` or `csv` as text.
+/// Writes points, n x 3, in the format that the extension of `path` means: `ply` in binary, `xyz` or `csv` as text; in
+/// 32 bits if these hold all coordinates exactly, else in 64.
 ///
 /// # Errors
 ///
 /// As [`write_cloud_as`]; [`ErrorKind::Format`] also if the extension means no format.
-pub fn write_cloud(path: impl AsRef<Path>, points: &[[f32; 3]]) -> Result<(), Error> {
+pub fn write_cloud<P: Position>(path: impl AsRef<Path>, points: &[P]) -> Result<(), Error> {
     let path = path.as_ref();
     write_cloud_as(path, points, by_extension(path, "ply, xyz, csv")?, Encoding::Binary)
 }
@@ -77,15 +103,15 @@ pub fn write_cloud(path: impl AsRef<Path>, points: &[[f32; 3]]) -> Result<(), Er
 ///
 /// [`ErrorKind::Format`] for a format this crate does not write clouds in, [`ErrorKind::Data`] for no points or a
 /// coordinate that is not finite, [`ErrorKind::Io`] if writing fails.
-pub fn write_cloud_as(
+pub fn write_cloud_as<P: Position>(
     path: impl AsRef<Path>,
-    points: &[[f32; 3]],
+    points: &[P],
     format: Format,
     encoding: Encoding,
 ) -> Result<(), Error> {
-    let path = path.as_ref();
-    check_cloud(points, format).map_err(|e| e.in_file(path))?;
-    write_atomic(path, |out| emit_cloud(out, points, format, encoding).map_err(failed))
+    let (path, points) = (path.as_ref(), widened(points));
+    check_cloud(&points, format).map_err(|e| e.in_file(path))?;
+    write_atomic(path, |out| emit_cloud(out, &points, format, encoding).map_err(failed))
 }
 
 /// Writes points, n x 3, to any writer; nothing is written unless they pass the checks. Give a buffered writer.
@@ -93,14 +119,15 @@ pub fn write_cloud_as(
 /// # Errors
 ///
 /// As [`write_cloud_as`].
-pub fn write_cloud_to(
+pub fn write_cloud_to<P: Position>(
     mut out: impl Write,
-    points: &[[f32; 3]],
+    points: &[P],
     format: Format,
     encoding: Encoding,
 ) -> Result<(), Error> {
-    check_cloud(points, format)?;
-    emit_cloud(&mut out, points, format, encoding).and_then(|()| out.flush()).map_err(failed)
+    let points = widened(points);
+    check_cloud(&points, format)?;
+    emit_cloud(&mut out, &points, format, encoding).and_then(|()| out.flush()).map_err(failed)
 }
 
 /// Writes points, n x 3, with a colour each (n x 3: red, green, blue), as PLY with the properties `red`, `green` and
@@ -114,40 +141,57 @@ pub fn write_cloud_to(
 ///
 /// If there is not one colour a point.
 #[track_caller]
-pub fn write_coloured_cloud_to(
+pub fn write_coloured_cloud_to<P: Position>(
     mut out: impl Write,
-    points: &[[f32; 3]],
+    points: &[P],
     colours: &[[u8; 3]],
     encoding: Encoding,
 ) -> Result<(), Error> {
     assert!(points.len() == colours.len(), "{} points with {} colours", points.len(), colours.len());
-    check_cloud(points, Format::Ply)?;
-    ply::write_coloured(&mut out, points, colours, ply_encoding(encoding))
+    let points = widened(points);
+    check_cloud(&points, Format::Ply)?;
+    ply::write_coloured(&mut out, &points, Width::of_cloud(&points), colours, ply_encoding(encoding))
         .and_then(|()| out.flush())
         .map_err(failed)
 }
 
-fn emit_mesh(out: &mut dyn Write, mesh: &TriangleMesh, format: Format, encoding: Encoding) -> io::Result<()> {
+/// What a format leaves out of the coordinates of a mesh because it has 32 bits only and the detail of the mesh needs
+/// more: its [`offset`](TriangleMesh::offset) in STL, to be added again by who reads the file; else `None`.
+pub fn offset_left_out<P: Position>(mesh: &TriangleMesh<P>, format: Format) -> Option<[f64; 3]> {
+    let offset = || Bounds::of(&mesh.verts).map_or([0.0; 3], |bounds| bounds.offset());
+    let narrow = format == Format::Stl && !are_f32(&mesh.verts);
+    narrow.then(offset).filter(|&offset| offset != [0.0; 3])
+}
+
+fn emit_mesh(
+    out: &mut dyn Write,
+    mesh: &TriangleMesh<[f64; 3]>,
+    format: Format,
+    encoding: Encoding,
+) -> io::Result<()> {
+    let width = Width::of_mesh(&mesh.verts);
+    let local = || mesh.about(offset_left_out(mesh, format).unwrap_or_default());
     match (format, encoding) {
-        (Format::Ply, _) => ply::write(out, &mesh.verts, Some(&mesh.faces), ply_encoding(encoding)),
-        (Format::Stl, Encoding::Binary) => stl::write_binary(out, mesh),
-        (Format::Stl, Encoding::Ascii) => stl::write_ascii(out, mesh),
-        (Format::Obj, _) => obj::write(out, mesh),
-        (Format::Off, _) => off::write(out, mesh),
+        (Format::Ply, _) => ply::write(out, &mesh.verts, width, Some(&mesh.faces), ply_encoding(encoding)),
+        (Format::Stl, Encoding::Binary) => stl::write_binary(out, &local()),
+        (Format::Stl, Encoding::Ascii) => stl::write_ascii(out, &local()),
+        (Format::Obj, _) => obj::write(out, mesh, width),
+        (Format::Off, _) => off::write(out, mesh, width),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a mesh format")),
     }
 }
 
 fn emit_cloud(
     out: &mut dyn Write,
-    points: &[[f32; 3]],
+    points: &[[f64; 3]],
     format: Format,
     encoding: Encoding,
 ) -> io::Result<()> {
+    let width = Width::of_cloud(points);
     match format {
-        Format::Ply => ply::write(out, points, None, ply_encoding(encoding)),
-        Format::Xyz => table::write(out, points, " "),
-        Format::Csv => table::write(out, points, ","),
+        Format::Ply => ply::write(out, points, width, None, ply_encoding(encoding)),
+        Format::Xyz => table::write(out, points, width, " "),
+        Format::Csv => table::write(out, points, width, ","),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a cloud format")),
     }
 }
@@ -167,7 +211,7 @@ fn by_extension(path: &Path, writable: &str) -> Result<Format, Error> {
     })
 }
 
-fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
+fn check_mesh(mesh: &TriangleMesh<[f64; 3]>, format: Format) -> Result<(), Error> {
     if !format.holds_faces() {
         return Err(Error::new(ErrorKind::Format, format!("meshes are not written as {format}"))
             .advise("choose one of ply, obj, stl, off"));
@@ -185,7 +229,7 @@ fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
         .advise("write the mesh in parts"));
     }
     for (i, &p) in mesh.verts.iter().enumerate() {
-        check_point(p.map(f64::from), Want::Mesh, "vertex", i)?;
+        check_point(p, Want::Mesh, "vertex", i)?;
     }
     if let Some(i) = mesh.faces.iter().position(|face| face.iter().any(|&c| c as usize >= v)) {
         return Err(Error::new(
@@ -197,7 +241,7 @@ fn check_mesh(mesh: &TriangleMesh, format: Format) -> Result<(), Error> {
     Ok(())
 }
 
-fn check_cloud(points: &[[f32; 3]], format: Format) -> Result<(), Error> {
+fn check_cloud(points: &[[f64; 3]], format: Format) -> Result<(), Error> {
     if !matches!(format, Format::Ply | Format::Xyz | Format::Csv) {
         return Err(Error::new(ErrorKind::Format, format!("point clouds are not written as {format}"))
             .advise("choose one of ply, xyz, csv"));
@@ -205,7 +249,7 @@ fn check_cloud(points: &[[f32; 3]], format: Format) -> Result<(), Error> {
     if points.is_empty() {
         return Err(Error::new(ErrorKind::Data, "there are no points to write"));
     }
-    points.iter().enumerate().try_for_each(|(i, &p)| check_point(p.map(f64::from), Want::Mesh, "point", i))
+    points.iter().enumerate().try_for_each(|(i, &p)| check_point(p, Want::Mesh, "point", i))
 }
 
 fn failed(e: io::Error) -> Error {
@@ -215,6 +259,7 @@ fn failed(e: io::Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::about;
 
     fn mesh() -> TriangleMesh {
         TriangleMesh { verts: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], faces: vec![[0, 1, 2]] }
@@ -244,7 +289,7 @@ mod tests {
         let mut out = Vec::new();
         let e = write_cloud_to(&mut out, &[[0.0; 3]], Format::Npy, Encoding::Binary).unwrap_err();
         assert!(e.to_string().contains("choose one of ply, xyz, csv"), "{e}");
-        let e = write_cloud_to(&mut out, &[], Format::Ply, Encoding::Binary).unwrap_err();
+        let e = write_cloud_to(&mut out, &[[0.0f32; 3]; 0], Format::Ply, Encoding::Binary).unwrap_err();
         assert_eq!(e.kind(), ErrorKind::Data);
         let e = write_mesh("mesh.las", &good).unwrap_err();
         assert!(e.to_string().contains("ply, obj, stl"), "{e}");
@@ -252,21 +297,53 @@ mod tests {
 
     #[test]
     fn colours_stand_beside_the_points_and_do_not_disturb_a_reader() {
-        let points = [[0.5, -1.0, 2.25], [1e-3, 0.0, 7.0]];
+        let points = [[0.5f32, -1.0, 2.25], [1e-3, 0.0, 7.0]];
         let colours = [[0, 128, 255], [13, 10, 32]];
         for encoding in [Encoding::Ascii, Encoding::Binary] {
             let mut out = Vec::new();
             write_coloured_cloud_to(&mut out, &points, &colours, encoding).unwrap();
             let read = crate::io::read_cloud_bytes(&out, None).unwrap();
-            assert_eq!(read.points, points);
+            assert_eq!(about(&read.points, [0.0; 3]), points);
             assert!(read.notices[0].contains("red, green, blue"), "{:?}", read.notices);
             match encoding {
                 Encoding::Ascii => assert!(out.ends_with(b" 0 128 255\n0.001 0 7 13 10 32\n")),
                 Encoding::Binary => assert!(out.ends_with(&[13, 10, 32])),
             }
         }
-        let error = write_coloured_cloud_to(Vec::new(), &[], &[], Encoding::Binary).unwrap_err();
+        let error =
+            write_coloured_cloud_to(Vec::new(), &[[0.0f32; 3]; 0], &[], Encoding::Binary).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Data);
+    }
+
+    #[test]
+    fn large_coordinates_keep_their_digits_where_the_format_has_room() {
+        let at = [450_123.4, 5_411_234.6, 320.0];
+        let place = |p: [f64; 3]| -> [f64; 3] { std::array::from_fn(|a| p[a] + at[a]) };
+        let far =
+            TriangleMesh { verts: mesh().wide().verts.into_iter().map(place).collect(), ..mesh().wide() };
+        for format in [Format::Ply, Format::Obj, Format::Off] {
+            for encoding in [Encoding::Binary, Encoding::Ascii] {
+                let mut out = Vec::new();
+                write_mesh_to(&mut out, &far, format, encoding).unwrap();
+                assert_eq!(crate::io::read_mesh_bytes(&out, Some(format)).unwrap(), far, "{format}");
+            }
+            assert_eq!(offset_left_out(&far, format), None);
+        }
+        let offset = offset_left_out(&far, Format::Stl).unwrap();
+        let mut out = Vec::new();
+        write_mesh_to(&mut out, &far, Format::Stl, Encoding::Binary).unwrap();
+        let read = crate::io::read_mesh_bytes(&out, None).unwrap();
+        for (v, wanted) in read.verts.iter().zip(&far.verts) {
+            assert!((0..3).all(|a| (v[a] + offset[a] - wanted[a]).abs() < 1e-5), "{v:?} {wanted:?}");
+        }
+        // What is of 32 bits anyway, and what is near, is left as it is.
+        assert_eq!(offset_left_out(&mesh(), Format::Stl), None);
+        for format in [Format::Ply, Format::Xyz, Format::Csv] {
+            let mut out = Vec::new();
+            write_cloud_to(&mut out, &far.verts, format, Encoding::Binary).unwrap();
+            let options = crate::io::ReadOptions { format: Some(format), assume: true, ..Default::default() };
+            assert_eq!(crate::io::read_cloud_with(&out, &options).unwrap().points, far.verts, "{format}");
+        }
     }
 
     #[test]

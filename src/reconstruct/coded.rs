@@ -15,17 +15,17 @@ use crate::geometry::nearest_points;
 #[derive(Clone, Debug, PartialEq)]
 pub struct Coded {
     /// The points Q that the training works with, n x 3: without their noise, and thinned if there are many.
-    pub points: Vec<[f32; 3]>,
+    pub points: Vec<[f64; 3]>,
     /// U(Q), their codes, n x 3.
     pub codes: Vec<[f32; 3]>,
     /// S, i x 3.
-    pub surface: Vec<[f32; 3]>,
+    pub surface: Vec<[f64; 3]>,
     /// P, the codes of the patches, which S is made of, i x 3.
     pub patches: Vec<[f32; 3]>,
     /// V, the vertices of the training's grid around the surface, v x 3: the corners of all tetrahedra that it crosses.
-    pub verts: Vec<[f32; 3]>,
+    pub verts: Vec<[f64; 3]>,
     /// V', the same vertices moved along the field ([`Deformation`](crate::gdo::Deformation)), v x 3.
-    pub moved: Vec<[f32; 3]>,
+    pub moved: Vec<[f64; 3]>,
     /// The code of the point of S nearest to each vertex of V', v x 3.
     pub vert_codes: Vec<[f32; 3]>,
 }
@@ -57,15 +57,15 @@ pub(super) fn coded(setup: &Setup, state: &State) -> Result<Option<Coded>, Error
     let band = ActiveBand::find(&state.field, cloud, setup.resolution_at(step), rings)?;
     let [verts, moved] = TrainStep::new(setup, state, &band, step).moved_verts()?;
     let (nearest, _) = nearest_points(&moved, &surface);
-    let inverse = |points: &[[f32; 3]]| setup.normalizer.inverse(points);
+    let place = |points: &[[f32; 3]]| setup.normalizer.place(points);
     Ok(Some(Coded {
         vert_codes: nearest.iter().map(|&i| codes.patches[i as usize]).collect(),
-        points: inverse(&points),
+        points: place(&points),
         codes: codes.points,
-        surface: inverse(&surface),
+        surface: place(&surface),
         patches: codes.patches,
-        verts: inverse(&verts),
-        moved: inverse(&moved),
+        verts: place(&verts),
+        moved: place(&moved),
     }))
 }
 
@@ -76,9 +76,9 @@ mod tests {
     use crate::gdo::Deformation;
     use crate::reconstruct::{Config, Trainer};
 
-    fn distance(p: &[f32; 3]) -> f32 {
+    fn distance(p: &[f64; 3]) -> f64 {
         let d = [p[0] - 10.0, p[1] + 4.0, p[2]];
-        d.iter().map(|x| x * x).sum::<f32>().sqrt()
+        d.iter().map(|x| x * x).sum::<f64>().sqrt()
     }
 
     #[test]
@@ -96,8 +96,8 @@ mod tests {
             assert!((code.iter().map(|x| x * x).sum::<f32>() - 1.0).abs() < 1e-5, "{code:?}");
         }
         // In the input's frame, in which the ball has a radius of 3; a field of so few steps knows it roughly.
-        let off = |points: &[[f32; 3]]| {
-            points.iter().map(|p| (distance(p) - 3.0).abs()).sum::<f32>() / points.len() as f32
+        let off = |points: &[[f64; 3]]| {
+            points.iter().map(|p| (distance(p) - 3.0).abs()).sum::<f64>() / points.len() as f64
         };
         assert!(off(&coded.points) < 1e-5 && off(&coded.surface) < 1.0, "{}", off(&coded.surface));
         assert!(off(&coded.moved) < 0.85 * off(&coded.verts), "{} {}", off(&coded.moved), off(&coded.verts));

@@ -11,6 +11,7 @@ mod band;
 mod bridges;
 mod coded;
 mod config;
+mod far;
 mod first_shape;
 mod objective;
 mod phases;
@@ -28,6 +29,8 @@ pub use objective::{Terms, Weights};
 pub use phases::{Phase, StepReport};
 pub use result::Reconstruction;
 pub use run::{Event, Outcome, reconstruct, reconstruct_with};
+#[cfg(feature = "checkpoint")]
+pub use save::{Saved, SavedKind};
 pub use trainer::Trainer;
 
 #[cfg(test)]

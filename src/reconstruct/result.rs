@@ -1,21 +1,27 @@
 //! The result: a field and what comes with it, in the input's frame.
 
+use super::far::{self, radius, share};
 use super::{Config, Finishing};
 use crate::bsp::Coverage;
 use crate::error::{Error, ErrorKind};
 use crate::field::Field;
 use crate::finish::{FINISHED_POINTS, Finish};
-use crate::geometry::{NarrowBandOptions, Normalizer, TetGrid, TriangleBvh, TriangleMesh, extract};
+use crate::geometry::{
+    Bounds, KdTree, NarrowBandOptions, Normalizer, Position, TetGrid, TriangleBvh, TriangleMesh, extract,
+};
+use rayon::prelude::*;
 
 /// A signed distance field, the parameterized surface and the cloud that both come from.
 ///
-/// All coordinates and distances are in the frame and units of the input points.
+/// All coordinates and distances are in the frame and units of the input points. They are taken in 32 or 64 bits and
+/// given in 64, so that points far from the origin, such as those of maps, lose nothing: the work between is done about
+/// the middle of the cloud. [`offset`](Self::offset) says what to subtract where 32 bits have to do.
 #[derive(Clone, Debug)]
 pub struct Reconstruction {
     pub(super) config: Config,
     pub(super) normalizer: Normalizer,
     /// Distinct points, input frame.
-    pub(super) cloud: Vec<[f32; 3]>,
+    pub(super) cloud: Vec<[f64; 3]>,
     pub(super) shape: Shape,
     /// What is blended into the shape, if [`Config::finish`] asks for it and the points allow it.
     pub(super) finish: Option<Finish>,
@@ -108,33 +114,86 @@ impl Reconstruction {
         sdf
     }
 
-    /// Signed distances at `points` (n x 3), negative inside, in the input's unit.
+    /// Signed distances at `points` (n x 3), negative inside, in the input's unit and of the points' width.
     ///
-    /// Accurate near the surface; far away only the sign and the order of magnitude are meant.
-    pub fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
+    /// Accurate near the surface. Away from the cloud, from its longest side around its middle on, it gives way to the
+    /// distance to the nearest point, which is finite for every finite place and grows along every ray from the middle.
+    /// NaN at a place that is NaN.
+    pub fn sdf<P: Position>(&self, points: &[P]) -> Vec<P::Scalar> {
         let scale = self.normalizer.scale();
-        let mut sdf = self.working_sdf(&self.normalizer.forward(points));
-        sdf.iter_mut().for_each(|s| *s = (f64::from(*s) * scale) as f32);
-        sdf
+        let places: Vec<[f64; 3]> = points.iter().map(|&p| self.normalizer.forward_wide(p)).collect();
+        self.wide_sdf(&places).into_iter().map(|s| P::scalar(s * scale)).collect()
+    }
+
+    /// Signed distances at places of the working frame, near and far.
+    fn wide_sdf(&self, places: &[[f64; 3]]) -> Vec<f64> {
+        let shares: Vec<f64> = places.iter().map(|x| share(radius(x))).collect();
+        let near = |&i: &usize| shares[i] < 1.0;
+        let rows: Vec<usize> = (0..places.len()).filter(near).collect();
+        let inside: Vec<[f32; 3]> = rows.iter().map(|&i| places[i].map(|x| x as f32)).collect();
+        let mut values = vec![0.0; places.len()];
+        for (&i, value) in rows.iter().zip(self.working_sdf(&inside)) {
+            values[i] = f64::from(value);
+        }
+        if shares.iter().any(|&s| s > 0.0) {
+            let points = self.normalizer.forward(&self.cloud);
+            let tree = KdTree::new(&points);
+            values.par_iter_mut().zip(places).zip(&shares).filter(|(_, s)| **s > 0.0).for_each(
+                |((value, x), share)| {
+                    let (distance, _) = far::distance(&tree, &points, *x);
+                    // Written so that an infinite distance stays one.
+                    *value = if *share < 1.0 { *value + share * (distance - *value) } else { distance };
+                },
+            );
+        }
+        values
     }
 
     /// The gradients of [`sdf`](Self::sdf) at `points` (n x 3): outward, of about unit length, without unit. Where the
-    /// result is finished ([`Config::finish`]) they are differences over 2e-3 of the longest side.
-    pub fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+    /// result is finished ([`Config::finish`]) they are differences over 2e-3 of the longest side, and so they are where
+    /// the field gives way to the distance to the points.
+    pub fn gradient<P: Position>(&self, points: &[P]) -> Vec<P> {
         // Distance and place are scaled alike, so the slope is that of the working frame.
-        let points = self.normalizer.forward(points);
-        if self.finish.is_none() {
-            return self.shape.gradient(&points);
-        }
-        let beside = |axis: usize, step: f32| {
-            let mut moved = points.clone();
-            moved.iter_mut().for_each(|p| p[axis] += step);
-            self.working_sdf(&moved)
+        let places: Vec<[f64; 3]> = points.iter().map(|&p| self.normalizer.forward_wide(p)).collect();
+        let shares: Vec<f64> = places.iter().map(|x| share(radius(x))).collect();
+        let mut gradients = vec![[0.0; 3]; places.len()];
+        let exact = |share: f64| share == 0.0 && self.finish.is_none();
+        let rows = |wanted: &dyn Fn(f64) -> bool| -> Vec<usize> {
+            (0..places.len()).filter(|&i| wanted(shares[i])).collect()
         };
-        let sides = [0, 1, 2].map(|axis| (beside(axis, DIFFERENCE), beside(axis, -DIFFERENCE)));
-        let slope =
-            |i: usize| [0, 1, 2].map(|axis| (sides[axis].0[i] - sides[axis].1[i]) / (2.0 * DIFFERENCE));
-        (0..points.len()).map(slope).collect()
+        let near = rows(&exact);
+        let inside: Vec<[f32; 3]> = near.iter().map(|&i| places[i].map(|x| x as f32)).collect();
+        for (&i, gradient) in near.iter().zip(self.shape.gradient(&inside)) {
+            gradients[i] = gradient.map(f64::from);
+        }
+        let between = rows(&|share| !exact(share) && share < 1.0);
+        if !between.is_empty() {
+            // Steps in 32 bits, as the field sees them.
+            let beside = |axis: usize, step: f32| {
+                let moved = |&i: &usize| {
+                    let mut p = places[i].map(|x| x as f32);
+                    p[axis] += step;
+                    p.map(f64::from)
+                };
+                self.wide_sdf(&between.iter().map(moved).collect::<Vec<_>>())
+            };
+            let sides = [0, 1, 2].map(|axis| (beside(axis, DIFFERENCE), beside(axis, -DIFFERENCE)));
+            for (row, &i) in between.iter().enumerate() {
+                let slope = |axis: usize| {
+                    (sides[axis].0[row] as f32 - sides[axis].1[row] as f32) / (2.0 * DIFFERENCE)
+                };
+                gradients[i] = [0, 1, 2].map(|axis| f64::from(slope(axis)));
+            }
+        }
+        let beyond = rows(&|share| share == 1.0);
+        if !beyond.is_empty() {
+            let cloud = self.normalizer.forward(&self.cloud);
+            let tree = KdTree::new(&cloud);
+            for i in beyond {
+                gradients[i] = far::distance(&tree, &cloud, places[i]).1;
+            }
+        }
+        gradients.into_iter().map(P::of_wide).collect()
     }
 
     /// The zero level set as a closed mesh, from a grid of `resolution` cubes along each side of the cube around the
@@ -144,17 +203,22 @@ impl Reconstruction {
     /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid,
     /// [`ErrorKind::Config`] for a resolution below 3 or beyond 32-bit vertex numbers,
     /// [`ErrorKind::Diverged`] if the field is not finite.
-    pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh, Error> {
+    pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh<[f64; 3]>, Error> {
         let seeds = self.normalizer.forward(&self.cloud);
         let sdf = |x: &[[f32; 3]]| self.working_sdf(x);
-        let mut mesh = zero_level_set(&sdf, &seeds, resolution, self.config.min_component)?;
-        mesh.verts = self.normalizer.inverse(&mesh.verts);
-        Ok(mesh)
+        let mesh = zero_level_set(&sdf, &seeds, resolution, self.config.min_component)?;
+        Ok(TriangleMesh { verts: self.normalizer.place(&mesh.verts), faces: mesh.faces })
+    }
+
+    /// What to subtract from coordinates of this result so that 32 bits hold their detail: 0 for a cloud near the
+    /// origin, else round numbers near its middle, see [`Bounds::offset`].
+    pub fn offset(&self) -> [f64; 3] {
+        Bounds::of(&self.cloud).map_or([0.0; 3], |bounds| bounds.offset())
     }
 
     /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a parameterization.
-    pub fn surface_points(&self) -> Vec<[f32; 3]> {
-        self.normalizer.inverse(&self.surface)
+    pub fn surface_points(&self) -> Vec<[f64; 3]> {
+        self.normalizer.place(&self.surface)
     }
 
     /// How well S covers the points that the training worked with (without their noise, and thinned if there are many),
@@ -167,7 +231,7 @@ impl Reconstruction {
     }
 
     /// The distinct points it was made from, n x 3, as given.
-    pub fn cloud(&self) -> &[[f32; 3]] {
+    pub fn cloud(&self) -> &[[f64; 3]] {
         &self.cloud
     }
 
@@ -266,7 +330,7 @@ mod tests {
         assert!(topology.closed && topology.genus == Some(0), "{topology}");
         let volume = 4.0 / 3.0 * std::f64::consts::PI * 27.0;
         assert!((topology.volume / volume - 1.0).abs() < 0.01, "{topology}");
-        assert!((result.sdf(&[[10.0, -4.0, 0.0]])[0] + 3.0).abs() < 0.1);
+        assert!((result.sdf(&[[10.0f64, -4.0, 0.0]])[0] + 3.0).abs() < 0.1);
         // A sphere is no shape that was found.
         let sphere = Config::preset(Preset::Paper);
         let error = Config { stages: Vec::new(), ..sphere }.validate().unwrap_err();

@@ -3,6 +3,7 @@
 use super::setup::prepare;
 use super::{Config, Reconstruction, StepReport, Trainer};
 use crate::error::{Error, ErrorKind};
+use crate::geometry::Position;
 use std::ops::ControlFlow;
 
 /// What a run tells while it goes.
@@ -50,12 +51,14 @@ impl Outcome {
     }
 }
 
-/// Reconstructs the surface that `points` (n x 3, any frame) were taken from.
+/// Reconstructs the surface that `points` (n x 3, any frame, of 32 or 64 bits) were taken from.
+///
+/// Coordinates may be large or small and far from the origin: the work is done about the middle of the cloud.
 ///
 /// # Errors
 /// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::Diverged`] or
 /// [`ErrorKind::NoSurface`] if training failed four times.
-pub fn reconstruct(points: &[[f32; 3]], config: &Config) -> Result<Reconstruction, Error> {
+pub fn reconstruct<P: Position>(points: &[P], config: &Config) -> Result<Reconstruction, Error> {
     reconstruct_with(points, config, &mut |_| ControlFlow::Continue(())).map(Outcome::finish)
 }
 
@@ -64,8 +67,8 @@ pub fn reconstruct(points: &[[f32; 3]], config: &Config) -> Result<Reconstructio
 /// # Errors
 /// As [`reconstruct`], and [`ErrorKind::Cancelled`] if the observer stopped the run at [`Event::Started`], before there
 /// was anything.
-pub fn reconstruct_with(
-    points: &[[f32; 3]],
+pub fn reconstruct_with<P: Position>(
+    points: &[P],
     config: &Config,
     observer: &mut dyn FnMut(&Event<'_>) -> ControlFlow<()>,
 ) -> Result<Outcome, Error> {

@@ -7,7 +7,7 @@ use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::Error;
 use crate::field::Field;
 use crate::gdo::Deformation;
-use crate::geometry::{Normalizer, TetGrid, clean_cloud, thin_cloud};
+use crate::geometry::{Normalizer, Position, TetGrid, clean_cloud, thin_cloud};
 use crate::random::Random;
 use crate::start::resolution_for_area;
 use rand::seq::SliceRandom;
@@ -22,7 +22,7 @@ pub(super) struct Prepared {
     /// Adapted to the number of points.
     pub config: Config,
     /// The input points without duplicates, n x 3, input frame.
-    pub input: Vec<[f32; 3]>,
+    pub input: Vec<[f64; 3]>,
     /// Points left out as duplicates.
     pub merged: usize,
     /// From the input's frame to the working frame.
@@ -30,7 +30,7 @@ pub(super) struct Prepared {
 }
 
 /// Checks points (n x 3, any frame) and options.
-pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, Error> {
+pub(super) fn prepare<P: Position>(points: &[P], config: &Config) -> Result<Prepared, Error> {
     config.validate()?;
     let clean = clean_cloud(points)?;
     let normalizer = Normalizer::of(&clean.points)?;
@@ -46,7 +46,7 @@ pub(super) fn prepare(points: &[[f32; 3]], config: &Config) -> Result<Prepared, 
 pub(super) struct Setup {
     pub config: Config,
     /// The input points, distinct, input frame.
-    pub input: Vec<[f32; 3]>,
+    pub input: Vec<[f64; 3]>,
     pub normalizer: Normalizer,
     /// The working points, n x 3, working frame: the input points, thinned if there are many, and without the noise
     /// that was found.

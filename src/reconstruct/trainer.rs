@@ -8,6 +8,7 @@ use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
 use super::{Config, Phase, Reconstruction};
 use crate::error::{Error, ErrorKind};
+use crate::geometry::Position;
 
 /// How often a run comes back from a step that went wrong before it fails.
 pub(super) const RECOVERIES: usize = 3;
@@ -30,14 +31,15 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Training for the cloud `points` (n x 3, any frame): checks the cloud and finds the shape that the field is to
-    /// learn first. All learning is left to the steps.
+    /// Training for the cloud `points` (n x 3, any frame, of 32 or 64 bits): checks the cloud and finds the shape that
+    /// the field is to learn first. All learning is left to the steps.
     ///
     /// # Errors
     /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
     /// no first shape is found.
-    pub fn new(points: &[[f32; 3]], config: &Config) -> Result<Self, Error> {
-        rayon::scope(|_| Self::from_prepared(prepare(points, config)?))
+    pub fn new<P: Position>(points: &[P], config: &Config) -> Result<Self, Error> {
+        let prepared = prepare(points, config)?;
+        rayon::scope(|_| Self::from_prepared(prepared))
     }
 
     /// A trainer before its first step.

@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::geometry::vec3::distance;
-use crate::geometry::{KdTree, Normalizer};
+use crate::geometry::{KdTree, Normalizer, Position};
 use rayon::prelude::*;
 
 /// Nearest points whose farthest measures the spacing around a point: as many as there are on a disc of that radius. On
@@ -23,7 +23,7 @@ pub struct Support {
     pub spacing: Vec<f32>,
 }
 
-/// How well `points` (n x 3) speak for each of `places` (m x 3, in the same frame).
+/// How well `points` (n x 3) speak for each of `places` (m x 3, in the same frame), of 32 or 64 bits each.
 ///
 /// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a disc:
 /// r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). At a place it
@@ -36,7 +36,7 @@ pub struct Support {
 /// # Panics
 /// If a place is not finite.
 #[track_caller]
-pub fn support(places: &[[f32; 3]], points: &[[f32; 3]]) -> Result<Support, Error> {
+pub fn support<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<Support, Error> {
     // In the working frame, where squares neither overflow nor vanish.
     let frame = Normalizer::of(points)?;
     let (places, points) = (frame.forward(places), frame.forward(points));
@@ -120,6 +120,6 @@ mod tests {
         points.extend([points[3]; 60]);
         assert!(support(&fibonacci_sphere(50), &points).unwrap().gap.iter().all(|s| s.is_finite()));
         assert!(support(&points, &[[1.0; 3]]).is_err());
-        assert_eq!(support(&[], &points).unwrap(), Support::default());
+        assert_eq!(support::<[f32; 3], _>(&[], &points).unwrap(), Support::default());
     }
 }

@@ -2,7 +2,7 @@
 
 use super::Support;
 use crate::geometry::vec3::{self, triangle_normal};
-use crate::geometry::{TriangleMesh, connected};
+use crate::geometry::{Position, TriangleMesh, connected};
 use std::collections::HashMap;
 
 /// The [`gap`](Support::gap) beyond which a surface is cut away, unless another one is asked for.
@@ -16,9 +16,9 @@ const MARGIN: f32 = 1e-3;
 
 /// A surface that was cut.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Trimmed {
+pub struct Trimmed<P = [f32; 3]> {
     /// What is left: the faces and vertices that are kept, in their order, and those along the cut.
-    pub mesh: TriangleMesh,
+    pub mesh: TriangleMesh<P>,
     /// The [`gap`](Support::gap) of each vertex, v.
     pub gap: Vec<f32>,
     /// The share of the area that was cut away, 0 to 1.
@@ -35,7 +35,7 @@ pub struct Trimmed {
 /// # Panics
 /// If there is not one support a vertex, or a face names a vertex that is not there.
 #[track_caller]
-pub fn trim(mesh: &TriangleMesh, support: &Support, factor: f32) -> Trimmed {
+pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &Support, factor: f32) -> Trimmed<P> {
     let Support { gap, spacing } = support;
     let v = mesh.verts.len();
     assert!(gap.len() == v && spacing.len() == v, "trim: {} supports, {v} vertices", gap.len());
@@ -55,7 +55,7 @@ pub fn trim(mesh: &TriangleMesh, support: &Support, factor: f32) -> Trimmed {
 }
 
 /// A third of the area of the faces around each vertex.
-fn vertex_areas(mesh: &TriangleMesh) -> Vec<f64> {
+fn vertex_areas<P: Position>(mesh: &TriangleMesh<P>) -> Vec<f64> {
     let mut areas = vec![0.0; mesh.verts.len()];
     for face in &mesh.faces {
         let third = face_area(face.map(|v| mesh.verts[v as usize])) / 3.0;
@@ -64,29 +64,29 @@ fn vertex_areas(mesh: &TriangleMesh) -> Vec<f64> {
     areas
 }
 
-fn face_area(corners: [[f32; 3]; 3]) -> f64 {
-    let normal = triangle_normal(corners.map(vec3::wide));
+fn face_area<P: Position>(corners: [P; 3]) -> f64 {
+    let normal = triangle_normal(corners.map(P::wide));
     0.5 * vec3::dot(normal, normal).sqrt()
 }
 
 /// For each vertex the smallest vertex that edges between vertices of its side lead to.
-fn parts_of(mesh: &TriangleMesh, kept: &[bool]) -> Vec<u32> {
+fn parts_of<P: Position>(mesh: &TriangleMesh<P>, kept: &[bool]) -> Vec<u32> {
     let edges = mesh.faces.iter().flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]]);
     connected(kept.len(), edges.filter(|[v, w]| kept[*v as usize] == kept[*w as usize]))
 }
 
 /// The part of the mesh on the side of the vertices that are kept.
-fn cut(mesh: &TriangleMesh, gap: &[f32], factor: f32, kept: &[bool]) -> Trimmed {
+fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bool]) -> Trimmed<P> {
     let mut out = TriangleMesh { verts: mesh.verts.clone(), faces: Vec::new() };
     let mut values = gap.to_vec();
     let mut crossings: HashMap<[u32; 2], u32> = HashMap::new();
     // The vertex between one that is kept and one that is not.
-    let mut between = |v: u32, w: u32, out: &mut TriangleMesh| {
+    let mut between = |v: u32, w: u32, out: &mut TriangleMesh<P>| {
         *crossings.entry([v, w]).or_insert_with(|| {
             let (i, j) = (v as usize, w as usize);
             let t = crossing(gap[i], gap[j], factor);
-            let (p, q) = (mesh.verts[i], mesh.verts[j]);
-            out.verts.push(std::array::from_fn(|k| p[k] + t * (q[k] - p[k])));
+            let (p, q) = (mesh.verts[i].wide(), mesh.verts[j].wide());
+            out.verts.push(P::of_wide(std::array::from_fn(|k| p[k] + f64::from(t) * (q[k] - p[k]))));
             values.push(gap[i] + t * (gap[j] - gap[i]));
             out.verts.len() as u32 - 1
         })
@@ -130,6 +130,7 @@ fn crossing(kept: f32, dropped: f32, factor: f32) -> f32 {
 mod tests {
     use super::*;
     use crate::geometry::{NarrowBandOptions, Shape, TetGrid, extract};
+    use crate::scene::support;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
@@ -201,6 +202,25 @@ mod tests {
         assert_clean(&left);
         assert_eq!((left.topology().components, left.topology().boundary_loops), (1, 1));
         assert!(left.verts.iter().all(|p| p[2] < 0.1));
+    }
+
+    #[test]
+    fn a_mesh_far_away_is_cut_as_one_at_the_origin() {
+        let at = [450_123.5, 5_411_234.75, 320.0];
+        let moved = |p: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|k| p[k] + at[k]) };
+        let near = meshed(Shape::Sphere { radius: 0.4 }).wide();
+        let far = TriangleMesh { verts: near.verts.iter().map(moved).collect(), faces: near.faces.clone() };
+        let points: Vec<[f64; 3]> = near.verts.iter().copied().filter(|p| p[2] < 0.1).collect();
+        let here = trim(&near, &support(&near.verts, &points).unwrap(), 2.0);
+        let points: Vec<[f64; 3]> = points.iter().map(moved).collect();
+        let there = trim(&far, &support(&far.verts, &points).unwrap(), 2.0);
+        assert!(here.removed > 0.1 && (here.removed - there.removed).abs() < 1e-6);
+        assert_eq!(here.mesh.faces, there.mesh.faces);
+        for (p, q) in here.mesh.verts.iter().map(moved).zip(&there.mesh.verts) {
+            assert!((0..3).all(|k| (p[k] - q[k]).abs() < 1e-6), "{p:?} {q:?}");
+        }
+        let topology = there.mesh.topology();
+        assert!(topology.oriented && topology.degenerate_faces == 0 && topology.boundary_loops == 1);
     }
 
     proptest! {

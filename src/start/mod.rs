@@ -1,13 +1,15 @@
-//! What comes before the training: the first shape that is found among the points, the points without their noise,
-//! and the regression that the field learns the shape by.
+//! What comes before the training: what the points are like and which of them are strays, the first shape that is found
+//! among them, the points without their noise, and the regression that the field learns the shape by.
 
 mod candidates;
 mod denoise;
 mod fit;
 mod forecast;
 mod gauss;
+mod outliers;
 mod plate;
 mod resolution;
+mod sampling;
 
 #[cfg(test)]
 pub(crate) use candidates::gauss_shape;
@@ -16,6 +18,8 @@ pub(crate) use denoise::{DENOISED_POINTS, Denoised, denoise};
 pub(crate) use fit::ShapeFit;
 pub(crate) use forecast::{covariances, forecasts};
 pub(crate) use gauss::GaussField;
+pub use outliers::{Suspicion, find_outliers};
 pub(crate) use plate::ThinPlate;
 pub(crate) use plate::{MAX_CENTRES, System, directions};
 pub(crate) use resolution::{USUAL_AREA, resolution_for_area};
+pub use sampling::Sampling;

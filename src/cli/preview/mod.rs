@@ -3,10 +3,10 @@
 //! The one place of the program with arithmetic of its own: a picture is output, not a result, so it does not belong
 //! to the library.
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::str::FromStr;
 
-use bijective_sdf::geometry::{Normalizer, TriangleMesh};
+use bijective_sdf::geometry::{Normalizer, Position, TriangleMesh};
 use clap::{Args, ValueEnum};
 
 mod camera;
@@ -16,6 +16,7 @@ mod raster;
 mod shade;
 
 use super::failure::Failure;
+use super::files::is_pipe;
 use super::info::spacing;
 use camera::Camera;
 pub use image::Image;
@@ -98,12 +99,26 @@ impl From<&ViewArgs> for View {
     }
 }
 
+/// Refuses a name that says another format than the one that pictures are written in.
+pub fn check_picture(path: &Path) -> Result<(), Failure> {
+    match path.extension().and_then(|e| e.to_str()) {
+        _ if is_pipe(path) => Ok(()),
+        Some(e) if e.eq_ignore_ascii_case("png") => Ok(()),
+        _ => Err(Failure::Usage(format!("--preview {}: pictures are written as png only", path.display()))),
+    }
+}
+
 /// Draws the points to the left and the mesh to the right, from the same place.
-pub fn render(points: &[[f32; 3]], mesh: &TriangleMesh, view: &View) -> Result<Image, Failure> {
+pub fn render(points: &[[f64; 3]], mesh: &TriangleMesh<[f64; 3]>, view: &View) -> Result<Image, Failure> {
     draw(points, mesh, view, PANEL)
 }
 
-fn draw(points: &[[f32; 3]], mesh: &TriangleMesh, view: &View, panel: usize) -> Result<Image, Failure> {
+fn draw(
+    points: &[[f64; 3]],
+    mesh: &TriangleMesh<[f64; 3]>,
+    view: &View,
+    panel: usize,
+) -> Result<Image, Failure> {
     let mut all = points.to_vec();
     all.extend_from_slice(&mesh.verts);
     let scene = Scene::around(&all, view, panel)?;
@@ -123,14 +138,14 @@ pub struct Scene {
 
 impl Scene {
     /// The place that shows all of `extent` (n x 3) in square pictures of `panel` pixels.
-    pub fn around(extent: &[[f32; 3]], view: &View, panel: usize) -> Result<Self, Failure> {
+    pub fn around<P: Position>(extent: &[P], view: &View, panel: usize) -> Result<Self, Failure> {
         let frame = Normalizer::of(extent)?;
         let camera = Camera::around(&frame.forward(extent), view, panel * SUPER);
         Ok(Scene { frame, camera, panel })
     }
 
     /// A picture of points.
-    pub fn points(&self, points: &[[f32; 3]]) -> Image {
+    pub fn points<P: Position>(&self, points: &[P]) -> Image {
         let points = self.frame.forward(points);
         let radius =
             spacing(&points).map_or(0.01, |[_, middle, _]| (0.3 * middle).clamp(0.0025, 0.0105)) as f32;
@@ -142,9 +157,9 @@ impl Scene {
     }
 
     /// A picture of a mesh.
-    pub fn mesh(&self, mesh: &TriangleMesh) -> Image {
+    pub fn mesh(&self, mesh: &TriangleMesh<[f64; 3]>) -> Image {
         let verts = self.frame.forward(&mesh.verts);
-        let normals = mesh.vertex_normals();
+        let normals = mesh.about(mesh.offset()).vertex_normals();
         let mut buffer = Buffer::new(self.panel * SUPER);
         for &face in &mesh.faces {
             let corner = |i: usize| (verts[face[i] as usize], normals[face[i] as usize]);
@@ -169,16 +184,17 @@ fn seen(p: &[f32; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, extract};
+    use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, extract, widened};
 
     /// A smaller panel, for speed.
     const PANEL: usize = 120;
 
-    fn scene() -> (Vec<[f32; 3]>, TriangleMesh) {
+    fn scene() -> (Vec<[f64; 3]>, TriangleMesh<[f64; 3]>) {
         let shape = Shape::Sphere { radius: 0.5 };
         let grid = TetGrid::covering([-0.6; 3], [0.6; 3], 24, 1).unwrap();
         let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-        (shape.sample(200, 1).0, extract(&grid, &mut sdf, &NarrowBandOptions::default()).unwrap())
+        let mesh = extract(&grid, &mut sdf, &NarrowBandOptions::default()).unwrap();
+        (widened(&shape.sample(200, 1).0), mesh.wide())
     }
 
     fn pixel(image: &Image, x: usize, y: usize) -> [u8; 3] {
@@ -211,7 +227,7 @@ mod tests {
     fn pictures_are_png_and_do_not_depend_on_place_and_size() {
         let (points, mesh) = scene();
         let image = draw(&points, &mesh, &View::default(), PANEL).unwrap();
-        let far = |p: &[f32; 3]| p.map(|x| 8.0 * x + 16.0);
+        let far = |p: &[f64; 3]| p.map(|x| 8.0 * x + 5e6);
         let moved = TriangleMesh { verts: mesh.verts.iter().map(far).collect(), faces: mesh.faces };
         let points: Vec<_> = points.iter().map(far).collect();
         let other = draw(&points, &moved, &View::default(), PANEL).unwrap();

@@ -200,7 +200,7 @@ fn panels(
 ) -> Result<[Option<Image>; PANELS], Failure> {
     let truth = entry.job.shape.truth.as_ref().map(|t| Truth::read(&t.1)).transpose()?;
     let points = points_of(entry.job, truth.as_ref())?;
-    let result: Option<TriangleMesh> = match &entry.record.mesh {
+    let result: Option<TriangleMesh<[f64; 3]>> = match &entry.record.mesh {
         Some(file) => Some(read_mesh(out.join(file)).map_err(Failure::Input)?),
         None => None,
     };

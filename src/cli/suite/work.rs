@@ -10,15 +10,15 @@ use std::sync::{Mutex, OnceLock};
 use std::thread;
 use std::time::Instant;
 
-use bijective_sdf::evaluate::{Metrics, Options, Report, evaluate, evaluate_points};
-use bijective_sdf::geometry::{Bounds, Topology, sample_surface};
+use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, Report, evaluate, evaluate_points};
+use bijective_sdf::geometry::{Bounds, Topology, about, sample_surface};
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::{Reconstruction, Trainer};
 use bijective_sdf::{Error, ErrorKind};
 
 use super::super::coverage::TruthCoverage;
 use super::super::failure::Failure;
-use super::super::files::{Content, Input, say};
+use super::super::files::{Content, Input, say, short_enough};
 use super::super::interrupt::Interrupt;
 use super::super::progress::duration;
 use super::super::sample::{Noise, add_noise};
@@ -54,7 +54,9 @@ impl Truth {
     fn floor(&self, options: &Options) -> Result<Option<Metrics>, Error> {
         match &self.content {
             Content::Mesh(mesh) => {
-                Ok(evaluate(self.content.ground_truth(), mesh, &Options { floor: true, ..*options })?.floor)
+                let local = mesh.about(mesh.offset());
+                let options = Options { floor: true, ..*options };
+                Ok(evaluate(GroundTruth::Mesh(&local), &local, &options)?.floor)
             }
             Content::Cloud(_) => Ok(None),
         }
@@ -62,8 +64,8 @@ impl Truth {
 }
 
 /// The points that a run starts from.
-pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f32; 3]>, Failure> {
-    let mut points = match job.setting.input.points {
+pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f64; 3]>, Failure> {
+    let points = match job.setting.input.points {
         None => {
             let cloud = Input::read(&job.shape.cloud, None)?.cloud()?;
             let file = job.shape.cloud.display();
@@ -72,7 +74,9 @@ pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f32; 3]>, 
         }
         Some(count) => match truth.map(|t| &t.content) {
             Some(Content::Mesh(mesh)) => {
-                sample_surface(mesh, count, INPUT_SEED.wrapping_add(job.seed))?.points
+                let offset = mesh.offset();
+                let drawn = sample_surface(&mesh.about(offset), count, INPUT_SEED.wrapping_add(job.seed))?;
+                added(&drawn.points, offset)
             }
             _ => {
                 let error = Error::new(ErrorKind::Data, "the truth has no faces to sample points on");
@@ -89,8 +93,18 @@ pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f32; 3]>, 
             _ => part * Bounds::of(&points)?.longest(),
         },
     };
-    add_noise(&mut points, deviation, INPUT_SEED.wrapping_add(job.seed));
-    Ok(points)
+    if deviation == 0.0 {
+        return Ok(points);
+    }
+    let offset = Bounds::of(&points)?.offset();
+    let mut local = about(&points, offset);
+    add_noise(&mut local, deviation, INPUT_SEED.wrapping_add(job.seed));
+    Ok(added(&local, offset))
+}
+
+/// Points with an offset added again.
+fn added(points: &[[f32; 3]], offset: [f64; 3]) -> Vec<[f64; 3]> {
+    points.iter().map(|p| std::array::from_fn(|a| f64::from(p[a]) + offset[a])).collect()
 }
 
 /// How to work.
@@ -205,17 +219,19 @@ impl Workshop<'_> {
         write_mesh(self.place(&job.mesh_file())?, &mesh).map_err(lost)?;
         outcome.topology = Some(mesh.topology());
         if let Some(coverage) = field.coverage() {
-            write_cloud(self.place(&job.surface_file())?, &surface).map_err(lost)?;
+            write_cloud(self.place(&job.surface_file())?, &short_enough(&surface)).map_err(lost)?;
             outcome.coverage = Some(*coverage);
         }
         if let Some((truth, floor)) = truth {
-            let report = evaluate(truth.content.ground_truth(), &mesh, &options)?;
+            let offset = truth.content.offset();
+            let truth = truth.content.about(offset);
+            let report = evaluate(truth.ground_truth(), &mesh.about(offset), &options)?;
             outcome.report = Some(Report { floor: *floor, ..report });
-            let sets = [field.cloud(), &surface];
+            let sets = [about(field.cloud(), offset), about(&surface, offset)];
+            let sets = [&sets[0][..], &sets[1]];
             let sets = if surface.is_empty() { &sets[..1] } else { &sets };
             // With the floor, which is another for every number of points.
-            let reports =
-                evaluate_points(truth.content.ground_truth(), sets, &Options { floor: true, ..options })?;
+            let reports = evaluate_points(truth.ground_truth(), sets, &Options { floor: true, ..options })?;
             outcome.truth_coverage = TruthCoverage::of(&reports);
         }
         Ok(())
@@ -236,7 +252,7 @@ impl Workshop<'_> {
     fn train(
         &self,
         job: &Job<'_>,
-        points: &[[f32; 3]],
+        points: &[[f64; 3]],
         outcome: &mut Outcome,
     ) -> Result<Reconstruction, Stop> {
         let mut trainer = Trainer::new(points, &job.config())?;
@@ -344,7 +360,7 @@ mod tests {
 
     #[test]
     fn inputs_are_sampled_with_the_seed_of_the_run_and_apart_from_the_comparison() {
-        let mesh = TriangleMesh {
+        let mesh: TriangleMesh<[f64; 3]> = TriangleMesh {
             verts: vec![[0.0; 3], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0], [0.0, 0.0, 4.0]],
             faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
         };
@@ -361,11 +377,11 @@ mod tests {
         assert_eq!(of(&many, 1), of(&many, 1));
         assert_ne!(of(&many, 1), of(&many, 2));
         for seed in 0..8 {
-            assert_ne!(of(&many, 0), sample_surface(&mesh, 50, seed).unwrap().points);
+            let drawn = sample_surface(&mesh.about([0.0; 3]), 50, seed).unwrap().points;
+            assert_ne!(of(&many, 0), added(&drawn, [0.0; 3]));
         }
         let (clean, moved) = (of(&many, 1), of(&noisy, 1));
-        let off =
-            clean.as_flattened().iter().zip(moved.as_flattened()).map(|(a, b)| f64::from(a - b).powi(2));
+        let off = clean.as_flattened().iter().zip(moved.as_flattened()).map(|(a, b)| (a - b).powi(2));
         let deviation = (off.sum::<f64>() / 150.0).sqrt();
         assert!((0.03..0.05).contains(&deviation), "{deviation}");
         let job = Job { shape: &shape, setting: &many, seed: 0, fingerprint: String::new() };

@@ -1,6 +1,7 @@
 //! What a triangle mesh is like: counts, closedness, orientation, genus, volume, and its components.
 
 use super::TriangleMesh;
+use crate::geometry::Position;
 use crate::geometry::vec3::{dot, sub, triangle_normal};
 use std::fmt;
 
@@ -41,7 +42,7 @@ pub struct Topology {
     pub area: f64,
     /// Least and greatest coordinates over all vertices, NaN on an axis where a coordinate is NaN; none if there are
     /// no vertices.
-    pub bounds: Option<[[f32; 3]; 2]>,
+    pub bounds: Option<[[f64; 3]; 2]>,
     /// Faces that name a vertex twice or have no area.
     pub degenerate_faces: usize,
 }
@@ -69,11 +70,37 @@ impl fmt::Display for Topology {
                 write!(f, ", {count} {what}")?;
             }
         }
-        write!(f, "; volume {:.6}, area {:.6}", self.volume, self.area)?;
-        if let Some([lo, hi]) = self.bounds {
-            write!(f, "; from {lo:?} to {hi:?}")?;
+        write!(f, "; volume {}, area {}", significant(self.volume), significant(self.area))?;
+        if let Some(corners) = self.bounds {
+            let [lo, hi] = corners.map(|c| c.map(shortest).join(", "));
+            write!(f, "; from [{lo}] to [{hi}]")?;
         }
         Ok(())
+    }
+}
+
+/// A figure with seven significant digits, with an exponent where it is very small or large.
+pub fn significant(x: f64) -> String {
+    if x == 0.0 || !x.is_finite() {
+        return format!("{x}");
+    }
+    let text = format!("{x:.6e}");
+    let exponent: i32 = text.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
+    match exponent {
+        -4..7 => format!("{x:.0$}", (6 - exponent) as usize),
+        _ => text,
+    }
+}
+
+/// The shortest digits of a coordinate: those of 32 bits where these hold it exactly.
+pub fn shortest(x: f64) -> String {
+    let narrow = x as f32;
+    let small = x != 0.0 && !(1e-5..1e16).contains(&x.abs());
+    match (f64::from(narrow) == x, small) {
+        (true, false) => format!("{narrow}"),
+        (true, true) => format!("{narrow:e}"),
+        (false, false) => format!("{x}"),
+        (false, true) => format!("{x:e}"),
     }
 }
 
@@ -132,7 +159,7 @@ impl TriangleMesh {
             oriented: usage.oriented,
             volume,
             area,
-            bounds: self.extent(),
+            bounds: self.extent().map(|corners| corners.map(|c| c.map(f64::from))),
             degenerate_faces,
         }
     }
@@ -220,45 +247,6 @@ impl TriangleMesh {
         part
     }
 
-    /// Drops the vertices that no face uses, keeps the order of the others, and returns how many were dropped.
-    ///
-    /// # Panics
-    ///
-    /// If a face names a vertex that is not there.
-    #[track_caller]
-    pub fn remove_unused_verts(&mut self) -> usize {
-        self.check_faces("remove_unused_verts");
-        let mut moved = vec![u32::MAX; self.verts.len()];
-        for &v in self.faces.iter().flatten() {
-            moved[v as usize] = 0;
-        }
-        let before = self.verts.len();
-        let mut kept = 0;
-        for (v, to) in moved.iter_mut().enumerate() {
-            if *to == 0 {
-                *to = kept as u32;
-                self.verts[kept] = self.verts[v];
-                kept += 1;
-            }
-        }
-        self.verts.truncate(kept);
-        for v in self.faces.iter_mut().flatten() {
-            *v = moved[*v as usize];
-        }
-        before - kept
-    }
-
-    #[track_caller]
-    fn check_faces(&self, what: &str) {
-        let n = self.verts.len();
-        for (i, face) in self.faces.iter().enumerate() {
-            assert!(
-                face.iter().all(|&v| (v as usize) < n),
-                "{what}: face {i} is {face:?}, but there are {n} vertices"
-            );
-        }
-    }
-
     /// For each vertex the first vertex of its component.
     fn roots(&self) -> Vec<u32> {
         let edges = self.faces.iter().flat_map(|&[a, b, c]| [[a, b], [a, c]]);
@@ -299,6 +287,47 @@ impl TriangleMesh {
         let corners = self.corners(face);
         let normal = triangle_normal(corners);
         (dot(sub(corners[0], centre), normal) / 6.0, 0.5 * dot(normal, normal).sqrt())
+    }
+}
+
+impl<P: Position> TriangleMesh<P> {
+    /// Drops the vertices that no face uses, keeps the order of the others, and returns how many were dropped.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn remove_unused_verts(&mut self) -> usize {
+        self.check_faces("remove_unused_verts");
+        let mut moved = vec![u32::MAX; self.verts.len()];
+        for &v in self.faces.iter().flatten() {
+            moved[v as usize] = 0;
+        }
+        let before = self.verts.len();
+        let mut kept = 0;
+        for (v, to) in moved.iter_mut().enumerate() {
+            if *to == 0 {
+                *to = kept as u32;
+                self.verts[kept] = self.verts[v];
+                kept += 1;
+            }
+        }
+        self.verts.truncate(kept);
+        for v in self.faces.iter_mut().flatten() {
+            *v = moved[*v as usize];
+        }
+        before - kept
+    }
+
+    #[track_caller]
+    fn check_faces(&self, what: &str) {
+        let n = self.verts.len();
+        for (i, face) in self.faces.iter().enumerate() {
+            assert!(
+                face.iter().all(|&v| (v as usize) < n),
+                "{what}: face {i} is {face:?}, but there are {n} vertices"
+            );
+        }
     }
 }
 
@@ -430,7 +459,7 @@ mod tests {
         assert_eq!(t.bounds, Some([[1000.0; 3], [1001.0; 3]]));
         let text = t.to_string();
         assert!(text.starts_with(
-            "4 vertices, 6 edges, 4 faces; 1 component, Euler number 2, genus 0; closed, oriented; volume 0.166667"
+            "4 vertices, 6 edges, 4 faces; 1 component, Euler number 2, genus 0; closed, oriented; volume 0.1666667, area 2.366025; from [1000, 1000, 1000] to [1001, 1001, 1001]"
         ));
     }
 
@@ -459,7 +488,7 @@ mod tests {
 
     #[test]
     fn the_empty_mesh() {
-        let mut empty = TriangleMesh::default();
+        let mut empty: TriangleMesh = TriangleMesh::default();
         let t = empty.topology();
         assert_eq!((t.components, t.euler, t.closed, t.genus, t.bounds), (0, 0, false, None, None));
         assert!(empty.vertex_normals().is_empty() && empty.split_components().is_empty());

@@ -1,10 +1,72 @@
 //! The indexed triangle mesh.
 
+use super::Topology;
+use crate::geometry::{Bounds, Position, about, widened};
+
 /// An indexed triangle mesh; counter-clockwise winding seen from outside.
+///
+/// Meshes in the frame of a user have 64-bit vertices: `TriangleMesh<[f64; 3]>`. What is computed with is a mesh of 32
+/// bits, about an offset where the coordinates are large ([`offset`](Self::offset), [`about`](Self::about)).
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct TriangleMesh {
+pub struct TriangleMesh<P = [f32; 3]> {
     /// Vertex positions, v x 3.
-    pub verts: Vec<[f32; 3]>,
+    pub verts: Vec<P>,
     /// Vertex indices of each triangle, f x 3.
     pub faces: Vec<[u32; 3]>,
+}
+
+impl TriangleMesh<[f64; 3]> {
+    /// What to subtract so that 32 bits hold the detail of the mesh, see [`Bounds::offset`]; 0 for one without vertices
+    /// or with a coordinate that is not finite.
+    pub fn offset(&self) -> [f64; 3] {
+        Bounds::of(&self.verts).map_or([0.0; 3], |bounds| bounds.offset())
+    }
+
+    /// The mesh in 32 bits, less an offset.
+    pub fn about(&self, offset: [f64; 3]) -> TriangleMesh {
+        TriangleMesh { verts: about(&self.verts, offset), faces: self.faces.clone() }
+    }
+
+    /// Counts and measures the mesh, in 32 bits about its [`offset`](Self::offset); the bounds are those of the mesh
+    /// where it is.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn topology(&self) -> Topology {
+        let local = self.about(self.offset()).topology();
+        let bounds = Bounds::of(&self.verts).ok().map(|b| [b.min, b.max]);
+        Topology { bounds: bounds.or(local.bounds), ..local }
+    }
+}
+
+impl<P: Position> TriangleMesh<P> {
+    /// The mesh with its vertices in 64 bits; exact.
+    pub fn wide(&self) -> TriangleMesh<[f64; 3]> {
+        TriangleMesh { verts: widened(&self.verts), faces: self.faces.clone() }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Shape;
+
+    #[test]
+    fn a_mesh_far_away_is_measured_as_one_at_the_origin() {
+        let near = Shape::Sphere { radius: 0.5 };
+        let points = near.sample(12, 1).0;
+        let faces = vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]];
+        let near = TriangleMesh { verts: points, faces }.wide();
+        assert_eq!(near.offset(), [0.0; 3]);
+        let at = [500_000.0, 5_400_000.0, 300.0];
+        let verts = near.verts.iter().map(|v| std::array::from_fn(|a| v[a] + at[a])).collect();
+        let far = TriangleMesh { verts, faces: near.faces.clone() };
+        let (a, b) = (near.topology(), far.topology());
+        assert!((a.volume - b.volume).abs() < 1e-6 * a.area && (a.area - b.area).abs() < 1e-6 * a.area);
+        assert_eq!((b.genus, b.degenerate_faces), (Some(0), 0));
+        let [low, high] = b.bounds.unwrap();
+        assert!((0..3).all(|k| low[k] >= at[k] - 0.5 && high[k] <= at[k] + 0.5 && high[k] - low[k] > 0.1));
+    }
 }

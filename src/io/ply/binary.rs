@@ -7,7 +7,7 @@ use ply_rs::ply::{BeginList, ElementDef, Encoding, PropertyAccess, PropertyAcces
 
 use super::super::{Loaded, NORMAL, Want, check_point, push_fan};
 use super::header::{Header, size};
-use super::{CORNERS, axis_of, cut_short, has_normals, wanted};
+use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -15,7 +15,7 @@ pub(super) fn read(header: &Header, mut body: &[u8], want: Want, loaded: &mut Lo
     let decoder = Decoder { little: header.encoding == Encoding::BinaryLittleEndian };
     for (at, def) in header.elements.iter().enumerate() {
         if !wanted(&header.elements[at..], want) {
-            break;
+            return Ok(());
         }
         match def.name.as_str() {
             "vertex" => {
@@ -43,6 +43,10 @@ pub(super) fn read(header: &Header, mut body: &[u8], want: Want, loaded: &mut Lo
             }
             _ => skip(&decoder, &mut body, def)?,
         }
+    }
+    let extra = body.trim_ascii().len();
+    if extra > 0 {
+        loaded.warnings.push(more(&format!("{extra} bytes")));
     }
     Ok(())
 }

@@ -8,7 +8,8 @@ use std::io::{self, Write};
 
 use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 
-use super::text::write_floats;
+use super::text::write_position;
+use super::write::Width;
 use super::{Loaded, NORMAL, Want};
 use crate::{Error, ErrorKind};
 
@@ -44,32 +45,39 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
 /// Writes a cloud, or with `faces` a mesh; the caller has checked that indices fit `i32`.
 pub(super) fn write(
     out: &mut dyn Write,
-    verts: &[[f32; 3]],
+    verts: &[[f64; 3]],
+    width: Width,
     faces: Option<&[[u32; 3]]>,
     encoding: Encoding,
 ) -> io::Result<()> {
-    write_with(out, verts, None, faces, encoding)
+    write_with(out, verts, width, None, faces, encoding)
 }
 
 /// Writes a cloud with a colour a point (red, green, blue).
 pub(super) fn write_coloured(
     out: &mut dyn Write,
-    verts: &[[f32; 3]],
+    verts: &[[f64; 3]],
+    width: Width,
     colours: &[[u8; 3]],
     encoding: Encoding,
 ) -> io::Result<()> {
-    write_with(out, verts, Some(colours), None, encoding)
+    write_with(out, verts, width, Some(colours), None, encoding)
 }
 
 fn write_with(
     out: &mut dyn Write,
-    verts: &[[f32; 3]],
+    verts: &[[f64; 3]],
+    width: Width,
     colours: Option<&[[u8; 3]]>,
     faces: Option<&[[u32; 3]]>,
     encoding: Encoding,
 ) -> io::Result<()> {
     write!(out, "ply\nformat {encoding} 1.0\nelement vertex {}\n", verts.len())?;
-    out.write_all(b"property float x\nproperty float y\nproperty float z\n")?;
+    let number = match width {
+        Width::Single => "float",
+        Width::Double => "double",
+    };
+    write!(out, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;
     if colours.is_some() {
         out.write_all(b"property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
     }
@@ -80,7 +88,7 @@ fn write_with(
     let faces = faces.unwrap_or_default();
     if encoding == Encoding::Ascii {
         for (i, &p) in verts.iter().enumerate() {
-            write_floats(out, p, " ")?;
+            write_position(out, p, width, " ")?;
             if let Some([r, g, b]) = colours.map(|c| c[i]) {
                 write!(out, " {r} {g} {b}")?;
             }
@@ -93,8 +101,16 @@ fn write_with(
     }
     let little = encoding == Encoding::BinaryLittleEndian;
     for (i, p) in verts.iter().enumerate() {
-        let row = p.map(|x| if little { x.to_le_bytes() } else { x.to_be_bytes() });
-        out.write_all(row.as_flattened())?;
+        match width {
+            Width::Single => {
+                let row = p.map(|x| x as f32).map(|x| if little { x.to_le_bytes() } else { x.to_be_bytes() });
+                out.write_all(row.as_flattened())?;
+            }
+            Width::Double => {
+                let row = p.map(|x| if little { x.to_le_bytes() } else { x.to_be_bytes() });
+                out.write_all(row.as_flattened())?;
+            }
+        }
         if let Some(colours) = colours {
             out.write_all(&colours[i])?;
         }
@@ -176,6 +192,11 @@ fn wanted(elements: &[ElementDef], want: Want) -> bool {
     elements.iter().any(|e| e.name == "vertex" || (e.name == "face" && want == Want::Mesh))
 }
 
+/// The warning about what stands behind all that the header promises.
+fn more(what: &str) -> String {
+    format!("{what} behind the last element were not read: the counts of the header may be too small")
+}
+
 /// The error of element `index` running out of bytes.
 fn cut_short(def: &ElementDef, index: usize) -> Error {
     Error::new(ErrorKind::Format, format!("truncated: {} promised, {index} are whole", def.count))
@@ -186,6 +207,7 @@ fn cut_short(def: &ElementDef, index: usize) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::{about, widened};
     use ply_rs::parser::Parser;
     use ply_rs::ply::DefaultElement;
     use proptest::prelude::*;
@@ -381,9 +403,9 @@ mod tests {
             let faces: Vec<[u32; 3]> = picks.iter().map(|f| f.map(|i| i % verts.len() as u32)).collect();
             for encoding in ENCODINGS {
                 let mut bytes = Vec::new();
-                write(&mut bytes, &verts, Some(&faces), encoding).unwrap();
+                write(&mut bytes, &widened(&verts), Width::Single, Some(&faces), encoding).unwrap();
                 let loaded = read(&bytes, Want::Mesh).unwrap();
-                let read = super::super::to_floats(&loaded.verts, "vertex").unwrap();
+                let read = about(&loaded.verts, [0.0; 3]);
                 prop_assert_eq!(bits(&read), bits(&verts));
                 prop_assert_eq!(&loaded.faces, &faces);
                 let ply = Parser::<DefaultElement>::new().read_ply(&mut bytes.as_slice()).unwrap();
@@ -397,6 +419,20 @@ mod tests {
                 prop_assert_eq!(twin.concat(), faces.as_flattened());
             }
         }
+    }
+
+    #[test]
+    fn what_stands_behind_the_last_element_is_told() {
+        let header = |encoding: &str| {
+            let head = format!("ply\nformat {encoding} 1.0\nelement vertex 1\nproperty double x\n");
+            head + "property double y\nproperty double z\nend_header\n"
+        };
+        let binary = |extra: &[u8]| [header("binary_little_endian").as_bytes(), &[1; 24], extra].concat();
+        let text = |extra: &str| (header("ascii") + "1 2 3\n" + extra).into_bytes();
+        let warnings = |bytes: Vec<u8>| read(&bytes, Want::Cloud).unwrap().warnings;
+        assert!(warnings(binary(b"\n")).is_empty() && warnings(text("\n \n")).is_empty());
+        assert!(warnings(binary(&[7; 24]))[0].starts_with("24 bytes behind the last element"));
+        assert!(warnings(text("4 5 6\n\n7 8 9\n"))[0].starts_with("2 lines behind the last element"));
     }
 
     fn bits(points: &[[f32; 3]]) -> Vec<[u32; 3]> {

@@ -1,11 +1,11 @@
 //! Text elements, one a line.
 
-use ply_rs::ply::{ElementDef, PropertyType};
+use ply_rs::ply::{ElementDef, PropertyType, ScalarType};
 
 use super::super::text::{Lines, float, integer, not_a_number, show, words};
-use super::super::{Loaded, NORMAL, Want, check_point, push_fan};
+use super::super::{Loaded, NORMAL, Want, check_point, push_fan, round_to_floats};
 use super::header::Header;
-use super::{CORNERS, axis_of, cut_short, has_normals, wanted};
+use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -14,7 +14,7 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
     let mut polygon = Vec::new();
     for (at, def) in header.elements.iter().enumerate() {
         if !wanted(&header.elements[at..], want) {
-            break;
+            return Ok(());
         }
         let normals = want != Want::Mesh && has_normals(def);
         match def.name.as_str() {
@@ -47,8 +47,21 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
                 _ => {}
             }
         }
+        if def.name == "vertex" && holds_floats(def) {
+            round_to_floats(&mut loaded.verts, true);
+        }
+    }
+    let extra = lines.filter(|(_, line)| !line.trim_ascii().is_empty()).count();
+    if extra > 0 {
+        loaded.warnings.push(more(&format!("{extra} lines")));
     }
     Ok(())
+}
+
+/// Whether all coordinates are declared as 32-bit floats.
+fn holds_floats(vertex: &ElementDef) -> bool {
+    let mut axes = vertex.properties.iter().filter(|(name, _)| axis_of(name).is_some());
+    axes.all(|(_, property)| matches!(property.data_type, PropertyType::Scalar(ScalarType::Float)))
 }
 
 /// Position and normal from the line of a vertex. A word that is no number makes the normal NaN: nobody may want it.

@@ -9,7 +9,8 @@ use std::io::{self, Write};
 
 use super::doubt::{Doubt, Evidence};
 use super::options::{Columns, ReadOptions};
-use super::text::{Lines, integer, not_a_number, show, without_mark, write_floats};
+use super::text::{Lines, integer, not_a_number, show, without_mark, write_position};
+use super::write::Width;
 use super::{Loaded, Want, check_point};
 use crate::{Error, ErrorKind};
 
@@ -49,12 +50,17 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
 }
 
 /// Writes n points a line each; with a comma as `separator` a line of column names comes first.
-pub(super) fn write(out: &mut dyn Write, points: &[[f32; 3]], separator: &str) -> io::Result<()> {
+pub(super) fn write(
+    out: &mut dyn Write,
+    points: &[[f64; 3]],
+    width: Width,
+    separator: &str,
+) -> io::Result<()> {
     if separator == "," {
         out.write_all(b"x,y,z\n")?;
     }
     for &p in points {
-        write_floats(out, p, separator)?;
+        write_position(out, p, width, separator)?;
         out.write_all(b"\n")?;
     }
     Ok(())

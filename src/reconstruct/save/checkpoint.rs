@@ -1,9 +1,10 @@
 //! Saving a run or its result, and taking it up again.
 
+use super::cloud as saved_cloud;
 use super::options as saved_options;
-use super::store::{Checksum, Store, damaged};
+use super::store::{Store, damaged};
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{Normalizer, TriangleMesh};
+use crate::geometry::{Normalizer, Position, TriangleMesh};
 use crate::nn::Params;
 use crate::optim::Adam;
 use crate::random::Random;
@@ -19,18 +20,18 @@ use std::collections::BTreeMap;
 use std::path::Path;
 
 /// What a file holds, and in which versions of its form this program reads it.
-struct Kind {
-    name: &'static str,
+pub(super) struct Kind {
+    pub name: &'static str,
     /// The version that is written, and the last that is read.
     version: u32,
     /// The first version that is read.
     oldest: u32,
 }
 
-const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 5, oldest: 4 };
+pub(super) const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 5, oldest: 4 };
 /// Files of version 2 are read by all later programs. Options may come, go and change their names within a version, as
 /// far as [`saved_options`] says what stands for those that are missing; the version grows with a change of meaning.
-const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 3, oldest: 2 };
+pub(super) const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 4, oldest: 2 };
 /// Vertices and faces (as numbers) of a result that is the first shape itself; each n x 3.
 const FOUND: [&str; 2] = ["shape.verts", "shape.faces"];
 /// Points that a result is finished for, n x 3: those of the cloud without their noise.
@@ -52,21 +53,32 @@ impl Trainer {
     }
 
     /// Takes up the run that [`save_checkpoint`](Self::save_checkpoint) saved, for the same `points` (n x 3) and
-    /// options.
+    /// options; `finish` and `mesh.min_component`, which come after the training, may be others. [`Saved`] knows the
+    /// options of a file.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or belongs to another
     /// cloud or other options (the first that differs is named), and as [`Trainer::new`].
-    pub fn resume(path: impl AsRef<Path>, points: &[[f32; 3]], config: &Config) -> Result<Trainer, Error> {
+    pub fn resume<P: Position>(
+        path: impl AsRef<Path>,
+        points: &[P],
+        config: &Config,
+    ) -> Result<Trainer, Error> {
         let path = path.as_ref();
-        let prepared = prepare(points, config)?;
+        let mut prepared = prepare(points, config)?;
         let store = Store::read(path)?;
         let resume = || -> Result<Trainer, Error> {
             let version = CHECKPOINT.check(&store)?;
             check_config(&saved_options::of_checkpoint(&store, version), &prepared.config)?;
-            if store.get("cloud")? != fingerprint(&prepared.input) {
-                return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
-                    .advise("resume with the points that the run was started with"));
+            let cloud = store.get("cloud")?;
+            if cloud != saved_cloud::fingerprint(&prepared.input) {
+                // Earlier versions rounded every cloud to 32 bits.
+                let rounded: Vec<[f32; 3]> = points.iter().map(|p| Position::of_wide(p.wide())).collect();
+                prepared = prepare(&rounded, config)?;
+                if cloud != saved_cloud::fingerprint(&prepared.input) {
+                    return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
+                        .advise("resume with the points that the run was started with"));
+                }
             }
             let mut trainer = Trainer::from_prepared(prepared)?;
             let mut expected = trainer.to_store().tensors;
@@ -100,7 +112,7 @@ impl Trainer {
         let mut store = Store::default();
         CHECKPOINT.put(&mut store);
         saved_options::put(&mut store, &self.setup.config);
-        store.put("cloud", fingerprint(&self.setup.input));
+        store.put("cloud", saved_cloud::fingerprint(&self.setup.input));
         store.put("recoveries", self.recoveries);
         put_state(&mut store, "now", &self.state);
         put_state(&mut store, "good", &self.good);
@@ -115,6 +127,18 @@ impl Reconstruction {
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        self.to_store().write(path.as_ref())
+    }
+
+    /// The bytes that [`save`](Self::save) writes, for a pipe.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Checkpoint`] if they cannot be encoded, which no result is known to cause.
+    pub fn to_bytes(&self) -> Result<Vec<u8>, Error> {
+        self.to_store().encode()
+    }
+
+    fn to_store(&self) -> Store {
         let mut store = Store::default();
         RECONSTRUCTION.put(&mut store);
         saved_options::put(&mut store, &self.config);
@@ -136,24 +160,31 @@ impl Reconstruction {
         if let Some(finish) = &self.finish {
             store.tensors.insert(FINISH.into(), Tensor::from_points(finish.points()));
         }
-        store.tensors.insert("cloud".into(), Tensor::from_points(&self.cloud));
+        saved_cloud::put(&mut store, &self.cloud);
         store.tensors.insert("surface".into(), Tensor::from_points(&self.surface));
-        store.write(path.as_ref())
+        store
     }
 
-    /// Loads a result that [`save`](Self::save) saved, with this version of the crate or an earlier one; it gives the
-    /// same bytes as the one that was saved. Where the file's options are not quite those of this version,
-    /// [`notices`](Self::notices) says so.
+    /// Loads a result that [`save`](Self::save) saved, with this version of the crate or an earlier one; it gives the same
+    /// bytes. Where the file's options are not quite those of this version, [`notices`](Self::notices) says so.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or something else.
     pub fn load(path: impl AsRef<Path>) -> Result<Reconstruction, Error> {
         let path = path.as_ref();
         let store = Store::read(path)?;
-        Self::from_store(&store).map_err(|e| e.in_file(path))
+        Self::of_store(&store).map_err(|e| e.in_file(path))
     }
 
-    fn from_store(store: &Store) -> Result<Reconstruction, Error> {
+    /// Reads a result from the bytes of a file, as [`load`](Self::load) does from its path.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Checkpoint`] if they are damaged or something else.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Reconstruction, Error> {
+        Self::of_store(&Store::decode(bytes)?)
+    }
+
+    pub(super) fn of_store(store: &Store) -> Result<Reconstruction, Error> {
         let version = RECONSTRUCTION.check(store)?;
         let (config, notices) = saved_options::of_result(store, version)?;
 
@@ -171,16 +202,15 @@ impl Reconstruction {
             Some(_) => BTreeMap::new(),
             None => field.params().iter().map(|(_, name, value)| (name.to_string(), value.clone())).collect(),
         };
-        for name in ["cloud", "surface"].into_iter().chain(found.into_iter().flatten()).chain(finished) {
+        let cloud = saved_cloud::names(store);
+        for name in ["surface"].into_iter().chain(cloud).chain(found.into_iter().flatten()).chain(finished) {
             let rows = store.tensors.get(name).map_or(0, Tensor::rows);
             expected.insert(name.into(), Tensor::zeros(&[rows, 3]));
         }
         store.check_tensors(&expected)?;
         let points = |name: &str| store.tensors[name].to_points();
-        let (cloud, surface) = (points("cloud"), points("surface"));
-        if cloud.is_empty() || !store.tensors["cloud"].is_finite() {
-            return Err(damaged("its cloud is empty or not finite"));
-        }
+        let surface = points("surface");
+        let cloud = saved_cloud::read(store)?;
         let shape = match found {
             Some([verts, faces]) => Shape::Found(read_found(points(verts), &points(faces))?),
             None => {
@@ -219,7 +249,7 @@ impl Kind {
     }
 
     /// The version of a file, which has to be of this kind.
-    fn check(&self, store: &Store) -> Result<u32, Error> {
+    pub fn check(&self, store: &Store) -> Result<u32, Error> {
         let Kind { name, version, oldest } = self;
         let found = store.get("kind")?;
         let advice = match found.split_once(' ').map(|(kind, v)| (kind == *name, v.parse::<u32>())) {
@@ -235,6 +265,9 @@ impl Kind {
     }
 }
 
+/// Options that say nothing about the training and may be others when it goes on.
+const MAY_CHANGE: [&str; 2] = ["finish", "mesh.min_component"];
+
 /// Refuses to go on with other options than those of a checkpoint.
 fn check_config(stored: &[(String, String)], config: &Config) -> Result<(), Error> {
     let refused = |key: &str, message: String, advice: &str| {
@@ -246,7 +279,7 @@ fn check_config(stored: &[(String, String)], config: &Config) -> Result<(), Erro
         let Some((_, stored)) = stored.iter().find(|(k, _)| k == key) else {
             return Err(damaged(format!("it has no config.{key}")));
         };
-        if stored != value {
+        if stored != value && !MAY_CHANGE.contains(key) {
             let message = format!("{stored} in the checkpoint, {value} here");
             return refused(key, message, "resume with the options that the run was started with");
         }
@@ -272,15 +305,6 @@ fn read_bridges(store: &Store, name: &str) -> Result<Bridges, Error> {
         depths: rows.iter().map(|r| r[3]).collect(),
         looked: store.parse(&format!("{name}.looked"))?,
     })
-}
-
-/// The number of points and a checksum of their bits.
-fn fingerprint(cloud: &[[f32; 3]]) -> String {
-    let mut sum = Checksum::new();
-    for x in cloud.as_flattened() {
-        sum.add(&x.to_le_bytes());
-    }
-    format!("{} points, {:016x}", cloud.len(), sum.0)
 }
 
 fn put_state(store: &mut Store, name: &str, state: &State) {
@@ -498,9 +522,8 @@ mod tests {
             store.put("kind", kind);
             RECONSTRUCTION.check(&store).map_err(|e| e.advice().unwrap().to_string())
         };
-        assert_eq!(advice("reconstruction 2"), Ok(2));
-        assert_eq!(advice("reconstruction 3"), Ok(3));
-        assert!(advice("reconstruction 4").unwrap_err().contains("later version"));
+        (2..5).for_each(|v| assert_eq!(advice(&format!("reconstruction {v}")), Ok(v)));
+        assert!(advice("reconstruction 5").unwrap_err().contains("later version"));
         assert!(advice("reconstruction 1").unwrap_err().contains("early version"));
         for other in ["checkpoint 2", "reconstruction", ""] {
             assert!(advice(other).unwrap_err().contains("resume from checkpoints"), "{other}");
@@ -541,7 +564,7 @@ mod tests {
         result.save(&path).unwrap();
         let good = Store::read(&path).unwrap();
         std::fs::remove_file(path).unwrap();
-        assert!(Reconstruction::from_store(&good).is_ok());
+        assert!(Reconstruction::of_store(&good).is_ok());
         for (name, value) in [
             (FOUND[0], f32::NAN),
             (FOUND[1], -1.0),
@@ -551,12 +574,12 @@ mod tests {
         ] {
             let mut store = Store { values: good.values.clone(), tensors: good.tensors.clone() };
             store.tensors.get_mut(name).unwrap().data_mut()[4] = value;
-            let error = Reconstruction::from_store(&store).unwrap_err();
+            let error = Reconstruction::of_store(&store).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::Checkpoint, "{value} in {name}");
         }
         let mut store = Store { values: good.values.clone(), tensors: good.tensors.clone() };
         store.tensors.remove(FOUND[1]);
-        assert_eq!(Reconstruction::from_store(&store).unwrap_err().kind(), ErrorKind::Checkpoint);
+        assert_eq!(Reconstruction::of_store(&store).unwrap_err().kind(), ErrorKind::Checkpoint);
     }
 
     #[test]

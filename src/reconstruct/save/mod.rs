@@ -2,5 +2,9 @@
 //! written and read.
 
 mod checkpoint;
+mod cloud;
 mod options;
+mod saved;
 mod store;
+
+pub use saved::{Saved, SavedKind};

@@ -67,6 +67,16 @@ pub(in crate::reconstruct) fn of_result(store: &Store, version: u32) -> Result<(
     result_from(&stored(store, version, RENAMED, ADDED_TO_RESULTS))
 }
 
+/// The options of a checkpoint of a version, as a configuration; all of them must be known and usable.
+///
+/// # Errors
+/// [`Checkpoint`](crate::ErrorKind::Checkpoint) if one is missing, unknown or cannot be used.
+pub(super) fn of_run(store: &Store, version: u32) -> Result<(Config, Vec<String>), Error> {
+    let (config, notices) = result_from(&of_checkpoint(store, version))?;
+    config.validate().map_err(|e| damaged("its options cannot be used").caused_by(e))?;
+    Ok((config, notices))
+}
+
 fn result_from(options: &[(String, String)]) -> Result<(Config, Vec<String>), Error> {
     let unusable = |e: Error| damaged("its options cannot be used").caused_by(e);
     let mut config = Config::preset(Preset::Default);

@@ -11,6 +11,17 @@ use safetensors::tensor::{Dtype, SafeTensors, TensorView, serialize};
 use std::collections::{BTreeMap, HashMap};
 use std::path::Path;
 
+/// Whether bytes begin like a file of this program: a header's length, and in the header the one entry of the metadata.
+pub(super) fn looks_like_store(bytes: &[u8]) -> bool {
+    let header = bytes.first_chunk::<8>().map_or(0, |b| u64::from_le_bytes(*b));
+    let head = &bytes[8.min(bytes.len())..bytes.len().min(8 + 4096)];
+    let names = |part: &[u8]| head.windows(part.len()).any(|w| w == part);
+    (1..=MAX_HEADER).contains(&header)
+        && head.first() == Some(&b'{')
+        && names(b"__metadata__")
+        && names(ENTRY.as_bytes())
+}
+
 /// Header bytes at most: thousands of tensors fit.
 const MAX_HEADER: u64 = 1 << 24;
 const ENTRY: &str = "bijective_sdf";
@@ -82,8 +93,16 @@ impl Store {
 
     /// Writes the file so that a failure at any moment leaves the old one, or none.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
+        let file = self.encode().map_err(|e| e.in_file(path))?;
+        write_atomic(path, |out| {
+            out.write_all(&file).map_err(|e| Error::new(ErrorKind::Io, "cannot write the file").caused_by(e))
+        })
+    }
+
+    /// The bytes of the file.
+    pub fn encode(&self) -> Result<Vec<u8>, Error> {
         let failed = |e: safetensors::SafeTensorError| {
-            Error::new(ErrorKind::Checkpoint, "cannot be encoded").in_file(path).caused_by(e.to_string())
+            Error::new(ErrorKind::Checkpoint, "cannot be encoded").caused_by(e.to_string())
         };
         let bytes: Vec<(&String, &Tensor, Vec<u8>)> = self
             .tensors
@@ -97,10 +116,7 @@ impl Store {
         }
         let entry = format!("{}checksum={:016x}\n", self.lines(), self.checksum());
         let metadata = HashMap::from([(ENTRY.to_string(), entry)]);
-        let file = serialize(views, Some(metadata)).map_err(failed)?;
-        write_atomic(path, |out| {
-            out.write_all(&file).map_err(|e| Error::new(ErrorKind::Io, "cannot write the file").caused_by(e))
-        })
+        serialize(views, Some(metadata)).map_err(failed)
     }
 
     /// Reads a file and checks it whole.
@@ -110,7 +126,8 @@ impl Store {
         Self::decode(&bytes).map_err(|e| e.in_file(path))
     }
 
-    fn decode(bytes: &[u8]) -> Result<Store, Error> {
+    /// Reads the bytes of a file and checks them whole.
+    pub fn decode(bytes: &[u8]) -> Result<Store, Error> {
         let header = bytes.first_chunk::<8>().map_or(0, |b| u64::from_le_bytes(*b));
         if header == 0 || header > MAX_HEADER || header > bytes.len() as u64 {
             return Err(damaged(format!("{} bytes with a header of {header}", bytes.len())));

@@ -86,7 +86,7 @@ fn a_sphere_comes_back_from_interpolated_points() {
     .finish();
     assert_eq!((steps, trained), (260, 60));
     // S stays the interpolation of the points, so it lies inside the ball and near it.
-    let centred = |p: &[f32; 3]| ((p[0] - 10.0).powi(2) + (p[1] + 4.0).powi(2) + p[2].powi(2)).sqrt();
+    let centred = |p: &[f64; 3]| ((p[0] - 10.0).powi(2) + (p[1] + 4.0).powi(2) + p[2].powi(2)).sqrt();
     let surface = result.surface_points();
     assert_eq!(surface.len(), 150 * 6);
     assert!(surface.iter().all(|p| (2.5..3.001).contains(&centred(p))));

@@ -1,6 +1,7 @@
 //! Tests of the whole training, and the small clouds and options that they share.
 
 pub(super) mod ablations;
+mod coordinates;
 mod gradients;
 mod recovery;
 mod run;
@@ -54,9 +55,9 @@ pub(in crate::reconstruct) fn run(points: &[[f32; 3]], config: &Config) -> Recon
     reconstruct(points, config).unwrap()
 }
 
-pub(in crate::reconstruct) fn bits(result: &Reconstruction) -> (Vec<u32>, Vec<[u32; 3]>, Vec<u32>) {
+pub(in crate::reconstruct) fn bits(result: &Reconstruction) -> (Vec<u64>, Vec<[u32; 3]>, Vec<u64>) {
     let mesh = result.mesh(20).unwrap();
-    let bits = |points: &[[f32; 3]]| points.as_flattened().iter().map(|x| x.to_bits()).collect();
+    let bits = |points: &[[f64; 3]]| points.as_flattened().iter().map(|x| x.to_bits()).collect();
     (bits(&mesh.verts), mesh.faces, bits(&result.surface_points()))
 }
 

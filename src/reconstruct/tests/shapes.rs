@@ -19,13 +19,13 @@ fn check_shape(shape: Shape, count: usize, components: usize, genus: i64) {
     let off: f32 = mesh
         .verts
         .iter()
-        .map(|v| shape.sdf([(v[0] - 100.0) / 7.0, v[1] / 7.0, v[2] / 7.0]).abs())
+        .map(|v| shape.sdf([(v[0] - 100.0) / 7.0, v[1] / 7.0, v[2] / 7.0].map(|x| x as f32)).abs())
         .sum::<f32>()
         / mesh.verts.len() as f32;
     // 0.0013 to 0.0020 when this was written.
     assert!(off < 0.0035, "mean distance from the shape: {off} of its longest side");
     // The surface of the mesh is the field's zero level, in the input's units.
-    let most = result.sdf(&mesh.verts).iter().fold(0.0f32, |most, s| most.max(s.abs())) / 7.0;
+    let most = result.sdf(&mesh.verts).iter().fold(0.0f64, |most, s| most.max(s.abs())) / 7.0;
     assert!(most < 0.006, "a vertex of the mesh is {most} of the longest side off the zero level");
 }
 
@@ -47,7 +47,7 @@ fn two_spheres_come_back() {
 #[test]
 fn the_field_is_in_the_units_of_the_input() {
     let result = run(&ball(150), &quick());
-    let probes = [[10.0, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -4.0, 3.2]];
+    let probes = [[10.0f32, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -4.0, 3.2]];
     let sdf = result.sdf(&probes);
     assert!(sdf[0] < -1.5 && sdf[1].abs() < 0.025 && (sdf[2] - 0.2).abs() < 0.015, "{sdf:?}");
     // Central differences of the distances, in the same units.
@@ -91,7 +91,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     // The root of 20 over about 3.1 times 12.
     assert!((28..=32).contains(&finest), "{finest}");
     // The result has the points as they were given.
-    assert_eq!(trainer.finish().cloud(), points);
+    assert_eq!(trainer.finish().cloud(), crate::geometry::widened(&points));
 
     let left = Config { denoise: false, reference_area: 0.0, ..config };
     let mut trainer = Trainer::new(&points, &left).unwrap();

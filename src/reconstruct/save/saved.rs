@@ -1,0 +1,103 @@
+//! What can be said about a saved file without its cloud.
+
+use super::checkpoint::{CHECKPOINT, RECONSTRUCTION};
+use super::options;
+use super::store::{Store, damaged, looks_like_store};
+use crate::error::Error;
+use crate::reconstruct::{Config, Reconstruction};
+
+/// What a file of this program holds, without the cloud that a checkpoint would need.
+#[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
+pub struct Saved {
+    /// A state to resume from, or a result.
+    pub kind: SavedKind,
+    /// The version of its form.
+    pub version: u32,
+    /// The options of the run, adapted to the number of points.
+    pub config: Config,
+    /// What has to be said about the options, as [`Reconstruction::notices`].
+    pub notices: Vec<String>,
+    /// Distinct points of the cloud.
+    pub points: usize,
+}
+
+/// What sort of file it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum SavedKind {
+    /// Of [`Trainer::save_checkpoint`](crate::Trainer::save_checkpoint).
+    Checkpoint {
+        /// Steps done.
+        step: usize,
+        /// Steps of all phases.
+        total_steps: usize,
+        /// How often the run went back to a good state.
+        recoveries: usize,
+    },
+    /// Of [`Reconstruction::save`].
+    Result,
+}
+
+impl Saved {
+    /// Whether bytes begin like a file that this crate saved.
+    pub fn is_saved(bytes: &[u8]) -> bool {
+        looks_like_store(bytes)
+    }
+
+    /// Reads what can be said about the bytes of a file.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Checkpoint`](crate::ErrorKind::Checkpoint) if they are damaged, or neither a checkpoint nor a result.
+    pub fn from_bytes(bytes: &[u8]) -> Result<Saved, Error> {
+        let store = Store::decode(bytes)?;
+        if store.get("kind")?.starts_with(RECONSTRUCTION.name) {
+            let version = RECONSTRUCTION.check(&store)?;
+            let result = Reconstruction::of_store(&store)?;
+            let Reconstruction { config, notices, cloud, .. } = result;
+            return Ok(Saved { kind: SavedKind::Result, version, config, notices, points: cloud.len() });
+        }
+        let version = CHECKPOINT.check(&store)?;
+        let (config, notices) = options::of_run(&store, version)?;
+        let points = store.get("cloud")?.split(' ').next().and_then(|n| n.parse().ok());
+        let kind = SavedKind::Checkpoint {
+            step: store.parse("now.step")?,
+            total_steps: config.total_steps(),
+            recoveries: store.parse("recoveries")?,
+        };
+        let points = points.ok_or_else(|| damaged("it does not say how many points the cloud has"))?;
+        Ok(Saved { kind, version, config, notices, points })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::reconstruct::Trainer;
+    use crate::reconstruct::tests::{ball, tiny};
+
+    #[test]
+    fn files_say_what_they_are() {
+        let file = std::env::temp_dir().join(format!("bijective-sdf-saved-{}", std::process::id()));
+        let mut trainer = Trainer::new(&ball(50), &tiny()).unwrap();
+        for _ in 0..3 {
+            trainer.step().unwrap();
+        }
+        trainer.save_checkpoint(&file).unwrap();
+        let bytes = std::fs::read(&file).unwrap();
+        std::fs::remove_file(file).unwrap();
+        let run = Saved::from_bytes(&bytes).unwrap();
+        assert_eq!(run.kind, SavedKind::Checkpoint { step: 3, total_steps: 47, recoveries: 0 });
+        assert_eq!((run.points, &run.config, run.notices.len()), (50, trainer.config(), 0));
+        let result = trainer.finish();
+        let bytes = [bytes, result.to_bytes().unwrap()];
+        let told = Saved::from_bytes(&bytes[1]).unwrap();
+        assert_eq!((told.kind, told.points, &told.config), (SavedKind::Result, 50, result.config()));
+        let again = Reconstruction::from_bytes(&bytes[1]).unwrap();
+        assert_eq!(again.sdf(&ball(5)), result.sdf(&ball(5)));
+        for bytes in &bytes {
+            assert!(Saved::is_saved(bytes) && !Saved::is_saved(&bytes[1..]));
+            assert!(Saved::from_bytes(&bytes[..bytes.len() - 1]).is_err());
+        }
+        assert!(!Saved::is_saved(b"") && !Saved::is_saved(b"ply\nformat ascii 1.0\n"));
+    }
+}

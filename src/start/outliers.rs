@@ -1,0 +1,186 @@
+//! Points that belong to no surface: strays far from all others, and far off the surface that those suggest.
+
+use crate::geometry::{KdTree, Normalizer, Position};
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+
+/// Neighbours that a point's reach is the mean distance to.
+const REACHED: usize = 4;
+/// Neighbours that tell what reach is usual around a point, and in which plane they lie.
+const AROUND: usize = 8;
+/// Of their reaches, ascending, the one that counts: a low one, as strays may be each other's neighbours.
+const USUAL: usize = 2;
+/// How much farther than usual a stray reaches, in the cloud and around it, and how far it lies off the plane of its
+/// neighbours, in units of the usual reach. The ends of thin parts reach as far, but along them.
+const STRAY: (f64, f64) = (2.6, 2.8);
+/// The same where strays are looked for with less care for the surface.
+const LIKELY: (f64, f64) = (2.0, 2.0);
+/// A point that reaches so much farther than usual is a stray wherever it lies.
+const LOST: f64 = 10.0;
+/// A cloud with more strays is no surface with strays.
+const MOST: f64 = 0.1;
+/// Fewer points say nothing about each other.
+const LEAST: usize = 20;
+/// Searches, each without the strays of those before: one far away hides nearer ones.
+const ROUNDS: usize = 8;
+
+/// How readily a point is taken for a stray.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Suspicion {
+    /// Only where hardly a point of a surface would be.
+    #[default]
+    Low,
+    /// Also where now and then an end of a thin part, or a point in a thin part of the sampling, is one.
+    High,
+}
+
+/// The numbers of the points (n x 3, distinct, any frame) that belong to no surface, ascending; none for fewer than 20
+/// points, nor if they would be more than a tenth of the cloud.
+///
+/// A stray is a point whose mean distance to its 4 nearest points is a multiple of what is usual both in the cloud and
+/// around it, and that lies as far off the plane of its 8 nearest points; or one farther away than any part would be. A
+/// stray near the surface is none, as it does little harm.
+///
+/// ```
+/// use bijective_sdf::start::{Suspicion, find_outliers};
+/// use bijective_sdf::geometry::Shape;
+///
+/// let mut points = Shape::Sphere { radius: 1.0 }.sample(200, 1).0;
+/// points.insert(50, [1.5, 1.5, 0.5]);
+/// assert_eq!(find_outliers(&points, Suspicion::Low), [50]);
+/// ```
+pub fn find_outliers<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<u32> {
+    let n = points.len();
+    let mut kept: Vec<u32> = (0..n as u32).collect();
+    for _ in 0..ROUNDS {
+        if kept.len() < LEAST {
+            break;
+        }
+        let rest: Vec<P> = kept.iter().map(|&i| points[i as usize]).collect();
+        let stray = strays(&rest, suspicion);
+        if !stray.contains(&true) {
+            break;
+        }
+        let mut stray = stray.into_iter();
+        kept.retain(|_| !stray.next().unwrap_or(false));
+    }
+    if n - kept.len() > (MOST * n as f64) as usize {
+        return Vec::new();
+    }
+    let mut kept = kept.into_iter().peekable();
+    (0..n as u32).filter(|i| kept.next_if_eq(i).is_none()).collect()
+}
+
+/// Which points are strays among these.
+fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
+    let none = || vec![false; points.len()];
+    let Ok(frame) = Normalizer::of(points) else { return none() };
+    let unit = frame.forward(points);
+    let k = AROUND + 1;
+    let near = KdTree::new(&unit).k_nearest(&unit, k);
+    // A point itself is among its nearest, first but for others at the same place.
+    let others = |i: usize| near[i * k..(i + 1) * k].iter().filter(move |&&j| j as usize != i).take(AROUND);
+    let at = |i: usize| Vector3::from(unit[i].map(f64::from));
+    let reach_of = |i: usize| {
+        others(i).take(REACHED).map(|&j| (at(j as usize) - at(i)).norm()).sum::<f64>() / REACHED as f64
+    };
+    let reach: Vec<f64> = (0..unit.len()).map(reach_of).collect();
+    let mut sorted = reach.clone();
+    sorted.sort_by(f64::total_cmp);
+    let median = sorted[sorted.len() / 2];
+    if median <= 0.0 {
+        return none();
+    }
+    let (far, off) = match suspicion {
+        Suspicion::Low => STRAY,
+        Suspicion::High => LIKELY,
+    };
+    let is_stray = |i: usize| {
+        if reach[i] < far * median {
+            return false;
+        }
+        let mut around: Vec<f64> = others(i).map(|&j| reach[j as usize]).collect();
+        around.sort_by(f64::total_cmp);
+        let usual = around[USUAL].max(median);
+        let farther = reach[i] / usual;
+        farther >= LOST
+            || (farther >= far && off_plane(at(i), others(i).map(|&j| at(j as usize))) >= off * usual)
+    };
+    (0..unit.len()).map(is_stray).collect()
+}
+
+/// How far a point is off the plane through others that fits these best.
+fn off_plane(x: Vector3<f64>, others: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
+    let count = others.clone().count() as f64;
+    let mean = others.clone().sum::<Vector3<f64>>() / count;
+    let covariance = others.fold(Matrix3::zeros(), |sum, p| sum + (p - mean) * (p - mean).transpose());
+    let axes = SymmetricEigen::new(covariance);
+    axes.eigenvectors.column(axes.eigenvalues.imin()).dot(&(x - mean)).abs()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Shape;
+
+    const TORUS: Shape = Shape::Torus { major: 1.0, minor: 0.4 };
+
+    fn with(points: &[[f32; 3]], strays: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        [points, strays].concat()
+    }
+
+    #[test]
+    fn strays_are_found_whatever_hides_them() {
+        let points = TORUS.sample(300, 1).0;
+        let strays = [
+            [0.72, 0.51, -1.0],
+            [1.47, -1.84, 2.05],
+            [0.0, 0.0, 0.9],
+            [0.1, 0.0, -1.3],
+            [2.2, 0.0, 0.1],
+            [2.3, 0.4, 0.0],
+            [-1.5, 1.5, 1.5],
+            [-2.0, -2.0, 0.0],
+            [0.0, 2.4, -0.3],
+            [-1.2, 0.3, 1.2],
+        ];
+        let numbers: Vec<u32> = (300..310).collect();
+        assert_eq!(find_outliers(&with(&points, &strays[..2]), Suspicion::Low), numbers[..2]);
+        assert_eq!(find_outliers(&with(&points, &strays), Suspicion::Low), numbers);
+        // One so far away that the others are a speck beside it.
+        let mut far = with(&points, &strays[..2]);
+        far.insert(0, [1e6, 1e6, 0.0]);
+        assert_eq!(find_outliers(&far, Suspicion::Low), [0, 301, 302]);
+        // In large coordinates as at the origin.
+        let moved: Vec<[f64; 3]> = with(&points, &strays)
+            .iter()
+            .map(|p| [f64::from(p[0]) + 450_123.4, f64::from(p[1]) + 5e6, f64::from(p[2])])
+            .collect();
+        assert_eq!(find_outliers(&moved, Suspicion::Low), numbers);
+    }
+
+    #[test]
+    fn points_of_surfaces_are_none() {
+        for (name, shape) in Shape::gallery() {
+            for seed in 0..6 {
+                for n in [60, 300, 1000] {
+                    let found = find_outliers(&shape.sample(n, seed).0, Suspicion::Low);
+                    assert!(found.is_empty(), "{name}, {n} points, seed {seed}: {found:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn few_points_and_heaps_of_strays_are_left_alone() {
+        let points = TORUS.sample(300, 1).0;
+        let far = |i: usize| -> [f32; 3] {
+            let a = i as f32;
+            [5.0 * a.sin() * (1.0 + a % 3.0), 4.0 * (1.7 * a).cos(), 3.0 + 2.0 * (2.3 * a).sin()]
+        };
+        let many: Vec<[f32; 3]> = (0..60).map(far).collect();
+        assert!(find_outliers(&with(&points, &many), Suspicion::Low).is_empty());
+        assert!(find_outliers(&points[..19], Suspicion::High).is_empty());
+        assert!(find_outliers(&[[0.0f32; 3]; 0], Suspicion::High).is_empty());
+        assert!(find_outliers(&[[1.0f32; 3]; 40], Suspicion::High).is_empty());
+    }
+}

@@ -1,0 +1,143 @@
+//! What kind of sampling points are: of a surface, of curves, of a volume, of parts far apart.
+
+use crate::geometry::{KdTree, Normalizer, Position};
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+
+/// Fewer points say nothing about each other.
+const LEAST: usize = 20;
+/// Neighbours that the usual distance of neighbours is the mean of.
+const REACHED: usize = 4;
+
+/// What points are beside a sampling of one surface; see [`Sampling::of`].
+#[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
+pub struct Sampling {
+    /// Most neighbourhoods extend alike in all directions: the points fill a volume.
+    pub fills_volume: bool,
+    /// Most neighbourhoods extend in one direction only: the points lie on curves.
+    pub on_curves: bool,
+    /// The sizes of the parts that lie apart by more than six times the usual distance of neighbours, those of at least
+    /// a twentieth of the points, largest first.
+    pub parts: Vec<usize>,
+}
+
+/// Neighbours that a neighbourhood is measured by: near ones for curves, more for volumes.
+const SHAPED: [usize; 2] = [6, 12];
+/// The median second extent of neighbourhoods along curves, of the first, at most: near ones, and all.
+const CURVE: [f64; 2] = [0.2, 0.4];
+/// The median third extent of neighbourhoods in a volume, of the first, at least. Thin parts of shapes have up to 0.46.
+const VOLUME: f64 = 0.5;
+/// Points that say what sampling they are; fewer on a small shape are as good as everywhere.
+const TELLING: usize = 100;
+/// Usual distances of neighbours that separate parts, and the share of the points that makes a part.
+const PARTS: (f64, f64) = (6.0, 0.05);
+
+impl Sampling {
+    /// Looks at the neighbourhoods of points (n x 3, distinct, any frame); nothing can be told of fewer than 20.
+    pub fn of<P: Position>(points: &[P]) -> Sampling {
+        let n = points.len();
+        let Ok(frame) = Normalizer::of(points) else { return Sampling::default() };
+        if n < LEAST {
+            return Sampling::default();
+        }
+        let unit = frame.forward(points);
+        let k = (SHAPED[1] + 1).min(n);
+        let tree = KdTree::new(&unit);
+        let near = tree.k_nearest(&unit, k);
+        let at = |&i: &u32| Vector3::from(unit[i as usize].map(f64::from));
+        let median = |mut values: Vec<f64>| {
+            values.sort_by(f64::total_cmp);
+            values[values.len() / 2]
+        };
+        let extents = |count: usize| -> Vec<[f64; 3]> {
+            near.chunks_exact(k).map(|row| extents(row[..(count + 1).min(k)].iter().map(at))).collect()
+        };
+        let share = |extents: &[[f64; 3]], axis: usize| {
+            median(extents.iter().map(|e| e[axis] / e[0].max(f64::MIN_POSITIVE)).collect())
+        };
+        let (few, more) = (extents(SHAPED[0]), extents(SHAPED[1]));
+        let reach = median(
+            near.chunks_exact(k)
+                .map(|row| {
+                    let own = at(&row[0]);
+                    row[1..=REACHED].iter().map(|j| (at(j) - own).norm()).sum::<f64>() / REACHED as f64
+                })
+                .collect(),
+        );
+        Sampling {
+            fills_volume: n >= TELLING && share(&more, 2) > VOLUME,
+            on_curves: n >= TELLING && share(&few, 1) < CURVE[0] && share(&more, 1) < CURVE[1],
+            parts: parts(&tree, &unit, (PARTS.0 * reach) as f32),
+        }
+    }
+}
+
+/// The extents of points along their principal axes, largest first (roots of the variances).
+fn extents(points: impl Iterator<Item = Vector3<f64>> + Clone) -> [f64; 3] {
+    let count = points.clone().count() as f64;
+    let mean = points.clone().sum::<Vector3<f64>>() / count;
+    let covariance = points.fold(Matrix3::zeros(), |sum, p| sum + (p - mean) * (p - mean).transpose());
+    let mut values = SymmetricEigen::new(covariance).eigenvalues.map(|v| v.max(0.0).sqrt());
+    values.as_mut_slice().sort_by(|a, b| b.total_cmp(a));
+    [values[0], values[1], values[2]]
+}
+
+/// The sizes of the large parts that lie apart by more than a distance, largest first.
+fn parts(tree: &KdTree, unit: &[[f32; 3]], apart: f32) -> Vec<usize> {
+    let mut part = vec![usize::MAX; unit.len()];
+    let mut sizes = Vec::new();
+    for first in 0..unit.len() {
+        if part[first] != usize::MAX {
+            continue;
+        }
+        part[first] = sizes.len();
+        let (mut open, mut size) = (vec![first], 0);
+        while let Some(i) = open.pop() {
+            size += 1;
+            for (j, _) in tree.within(unit[i], apart) {
+                if part[j as usize] == usize::MAX {
+                    part[j as usize] = sizes.len();
+                    open.push(j as usize);
+                }
+            }
+        }
+        sizes.push(size);
+    }
+    sizes.retain(|&size| size as f64 >= PARTS.1 * unit.len() as f64);
+    sizes.sort_unstable_by(|a, b| b.cmp(a));
+    sizes
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Shape;
+    use std::f32::consts::TAU;
+
+    #[test]
+    fn surfaces_curves_volumes_and_parts_are_told_apart() {
+        for (name, shape) in Shape::gallery() {
+            for n in [20, 150, 1000] {
+                let seen = Sampling::of(&shape.sample(n, 1).0);
+                assert!(!seen.fills_volume && !seen.on_curves, "{name} {n}: {seen:?}");
+            }
+        }
+        // Rings of a tube.
+        let ring = |i: usize| {
+            let a = TAU * (i % 100) as f32 / 100.0;
+            [a.cos(), a.sin(), 0.7 * (i / 100) as f32]
+        };
+        let rings: Vec<[f32; 3]> = (0..500).map(ring).collect();
+        let seen = Sampling::of(&rings);
+        assert!(seen.on_curves && !seen.fills_volume && seen.parts == [100; 5], "{seen:?}");
+        // A ball filled in a spiral whose steps have no period.
+        let inside = |i: usize| {
+            let (a, b, r) = (2.4 * i as f32, (1.3 * i as f32).sin(), ((i % 83) as f32 / 83.0).cbrt());
+            let flat = (1.0 - b * b).sqrt();
+            [r * flat * a.cos(), r * flat * a.sin(), r * b]
+        };
+        let seen = Sampling::of(&(0..900).map(inside).collect::<Vec<_>>());
+        assert!(seen.fills_volume && !seen.on_curves && seen.parts.len() == 1, "{seen:?}");
+        assert_eq!(Sampling::of(&rings[..19]), Sampling::default());
+    }
+}
