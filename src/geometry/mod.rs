@@ -4,6 +4,7 @@ mod bounds;
 mod bricks;
 mod bvh;
 mod cloud;
+mod figures;
 mod inside;
 mod knn;
 mod level;
@@ -22,6 +23,7 @@ mod topology;
 pub use bounds::{Bounds, Normalizer};
 pub use bvh::{SurfaceHit, TriangleBvh};
 pub use cloud::{CleanCloud, clean_cloud, distinct_places};
+pub use figures::{shortest, significant};
 pub use knn::KdTree;
 pub(crate) use knn::usable;
 pub use marching::{BandTopology, Isosurface, march};
@@ -34,7 +36,7 @@ pub use shapes::Shape;
 pub use sphere::fibonacci_sphere;
 pub use tet_grid::TetGrid;
 pub use thin::thin_cloud;
-pub use topology::{MeshComponent, Topology, shortest, significant};
+pub use topology::{MeshComponent, Topology};
 
 /// Squared distance, summed x, y, z in that order; every neighbour search ranks by exactly these bits.
 #[inline]

@@ -132,8 +132,8 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Training for the cloud `points` (n x 3, any frame, of 32 or 64 bits): checks the cloud and finds the shape that the field is to
-    /// learn first. All learning is left to the steps.
+    /// Training for the cloud `points` (n x 3, any frame, of 32 or 64 bits): checks the cloud and finds the shape that
+    /// the field is to learn first. All learning is left to the steps.
     ///
     /// # Errors
     /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
