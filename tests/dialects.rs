@@ -1,5 +1,5 @@
-//! Thousands of generated files as many programs write them, whole and damaged, through every reader: never a panic, and
-//! never another number of points without a word.
+//! Thousands of generated files as many programs write them, whole and damaged, through every reader: never a panic,
+//! and never another number of points without a word.
 
 use bijective_sdf::ErrorKind;
 use bijective_sdf::io::{Format, PointCloud, ReadOptions, read_cloud_with};

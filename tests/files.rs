@@ -201,3 +201,22 @@ fn shells_and_manuals_are_served() {
     let page = out(&run(program().arg("man"), 0));
     assert!(page.contains(".TH bijective-sdf 1") && page.contains("bijective\\-sdf\\-reconstruct"), "{page}");
 }
+
+#[test]
+fn meshes_and_distances_go_to_programs_for_models_and_volumes() {
+    let dir = Dir::new("models");
+    let (cloud, mesh, field) = (dir.cloud(), dir.path("mesh.glb"), dir.path("a.field"));
+    run(tiny(&cloud, &mesh).arg("--save-field").arg(&field), 0);
+    assert_eq!(&fs::read(&mesh).unwrap()[..8], b"glTF\x02\0\0\0");
+    fails(program().arg("info").arg(&mesh), 3, &["mesh.glb", "GLB"]);
+    let sdf = |name: &str| {
+        let path = dir.path(name);
+        let mut command = program();
+        run(command.arg("sdf").arg(&field).args(["--grid", "12", "-o"]).arg(&path), 0);
+        fs::read(path).unwrap()
+    };
+    assert!(sdf("a.npy").starts_with(b"\x93NUMPY"));
+    assert!(sdf("a.nrrd").starts_with(b"NRRD0004\n") && sdf("a.vti").starts_with(b"<?xml"));
+    fails(program().arg("sdf").arg(&field).args(["--grid", "12", "-o", "a.raw"]), 2, &["npy, nrrd, vti"]);
+    run(program().arg("sdf").arg(&field), 2);
+}

@@ -16,8 +16,8 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::failure::Failure;
 
-/// The formats that hold faces.
-pub const MESH_FORMATS: [Format; 4] = [Format::Ply, Format::Obj, Format::Stl, Format::Off];
+/// The formats that meshes are written in.
+pub const MESH_FORMATS: [Format; 5] = [Format::Ply, Format::Obj, Format::Stl, Format::Off, Format::Glb];
 /// The formats that clouds are written in.
 pub const CLOUD_FORMATS: [Format; 3] = [Format::Ply, Format::Xyz, Format::Csv];
 

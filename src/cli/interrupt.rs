@@ -85,8 +85,8 @@ fn watch(mut handle: impl FnMut() + Send + 'static) -> io::Result<()> {
     Ok(())
 }
 
-/// Whether the process ignores a signal. Where the system does not tell, one to hang up is taken for ignored: then it is
-/// left as it is.
+/// Whether the process ignores a signal. Where the system does not tell, one to hang up is taken for ignored: then it
+/// is left as it is.
 #[cfg(unix)]
 fn ignores(signal: i32) -> bool {
     let Ok(status) = std::fs::read_to_string("/proc/self/status") else { return true };

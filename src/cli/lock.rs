@@ -35,7 +35,7 @@ impl Lock {
                 Ok(()) if !is_at(&file, &beside) => {}
                 Ok(()) => {
                     let id = std::process::id();
-                    file.set_len(0).and_then(|()| write!(file, "{id}\n")).map_err(failed)?;
+                    file.set_len(0).and_then(|()| writeln!(file, "{id}")).map_err(failed)?;
                     return Ok(Some(Lock { path: beside, _file: file }));
                 }
                 Err(TryLockError::WouldBlock) => {

@@ -19,7 +19,7 @@ use super::trim::{Part, TrimArgs};
 pub struct MeshArgs {
     /// A field that `reconstruct --save-field` wrote, or `-`
     field: PathBuf,
-    /// The mesh to write (ply, obj, stl, off), or `-`
+    /// The mesh to write (ply, obj, stl, off, glb), or `-`
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost

@@ -47,7 +47,7 @@ pub fn resolution_parser() -> impl TypedValueParser<Value = usize> {
 pub struct ReconstructArgs {
     /// The point cloud, or `-`; `bijective-sdf reconstruct --help` lists the formats at --format
     input: PathBuf,
-    /// The mesh to write (ply, obj, stl, off), or `-`
+    /// The mesh to write (ply, obj, stl, off, glb), or `-`
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
     #[command(flatten)]

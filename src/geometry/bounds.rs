@@ -167,6 +167,11 @@ impl Normalizer {
         std::array::from_fn(|a| (f64::from(y[a]) * self.side + self.center[a]) as f32)
     }
 
+    /// One place of the working frame, in the input's frame, in 64 bits.
+    pub fn inverse_wide(&self, y: [f64; 3]) -> [f64; 3] {
+        std::array::from_fn(|a| y[a] * self.side + self.center[a])
+    }
+
     /// Points of the input's frame (n x 3), in the working frame.
     pub fn forward<P: Position>(&self, points: &[P]) -> Vec<[f32; 3]> {
         points.iter().map(|&p| self.forward_point(p)).collect()

@@ -25,8 +25,8 @@ pub struct CleanCloud {
 /// Merges exact duplicates of n x 3 `points` and refuses clouds that enclose nothing.
 ///
 /// The cloud counts as flat if its extent along the smallest principal axis is below 1e-6 of the largest, or below
-/// what rounding at the size of the coordinates produces by itself: rounding to 32 bits where these hold all coordinates
-/// exactly, else to 64. The test moves and scales with the cloud.
+/// what rounding at the size of the coordinates produces by itself: rounding to 32 bits where these hold all
+/// coordinates exactly, else to 64. The test moves and scales with the cloud.
 ///
 /// # Errors
 ///

@@ -3,6 +3,7 @@
 mod bounds;
 mod cloud;
 mod farthest;
+mod figures;
 mod grid;
 mod mesh;
 mod position;
@@ -16,13 +17,12 @@ pub(crate) mod vec3;
 pub use bounds::{Bounds, Normalizer};
 pub use cloud::{CleanCloud, clean_cloud, distinct_places};
 pub use farthest::farthest_point_sample;
+pub use figures::{shortest, significant};
 pub use grid::{
     ActiveSet, BandTopology, FieldFn, Isosurface, NarrowBandOptions, TetGrid, active_set, extract,
     interpolate, march,
 };
-pub use mesh::{
-    MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface, shortest, significant,
-};
+pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
 pub(crate) use mesh::{connected, cumulative_areas};
 pub use position::{Position, about, are_f32, widened};
 pub(crate) use search::usable;

@@ -23,6 +23,8 @@ pub enum Format {
     Stl,
     /// Object file format of Geomview, with COFF, NOFF and STOFF, text; clouds and meshes.
     Off,
+    /// Binary glTF 2.0; meshes, written only.
+    Glb,
     /// Point Cloud Library, text, binary or packed; clouds only.
     Pcd,
     /// Scans of Leica with their poses, text; clouds only.
@@ -43,13 +45,14 @@ pub enum Format {
 
 impl Format {
     /// Every format, in the order in which messages list them.
-    pub const ALL: [Format; 14] = [
+    pub const ALL: [Format; 15] = [
         Format::Ply,
         Format::Xyz,
         Format::Csv,
         Format::Obj,
         Format::Stl,
         Format::Off,
+        Format::Glb,
         Format::Pcd,
         Format::Ptx,
         Format::Vtk,
@@ -69,6 +72,7 @@ impl Format {
             Format::Obj => "obj",
             Format::Stl => "stl",
             Format::Off => "off",
+            Format::Glb => "glb",
             Format::Pcd => "pcd",
             Format::Ptx => "ptx",
             Format::Vtk => "vtk",
@@ -89,6 +93,7 @@ impl Format {
             Format::Obj => &["obj"],
             Format::Stl => &["stl"],
             Format::Off => &["off", "coff", "noff"],
+            Format::Glb => &["glb"],
             Format::Pcd => &["pcd"],
             Format::Ptx => &["ptx"],
             Format::Vtk => &["vtk"],
@@ -113,7 +118,7 @@ impl Format {
 
     /// Whether files of this format can hold faces.
     pub fn holds_faces(self) -> bool {
-        matches!(self, Format::Ply | Format::Obj | Format::Stl | Format::Off)
+        matches!(self, Format::Ply | Format::Obj | Format::Stl | Format::Off | Format::Glb)
     }
 
     /// The format of a file whose name means `hint`: what the content shows wins, and the name decides where the
@@ -157,13 +162,13 @@ impl Format {
         from_text(&bytes[..bytes.len().min(4096)])
     }
 
-    /// The supported formats with their extensions, for messages: `ply (.ply), xyz (.xyz .txt ...)`.
+    /// The formats that are read with their extensions, for messages: `ply (.ply), xyz (.xyz .txt ...)`.
     pub fn list() -> String {
         let one = |f: Format| {
             let extensions: Vec<String> = f.extensions().iter().map(|e| format!(".{e}")).collect();
             format!("{} ({})", f.name(), extensions.join(" "))
         };
-        Format::ALL.map(one).join(", ")
+        Format::ALL.into_iter().filter(|f| *f != Format::Glb).map(one).collect::<Vec<_>>().join(", ")
     }
 }
 

@@ -14,6 +14,7 @@
 //! | OBJ | yes | yes | | yes |
 //! | STL (text, binary) | yes | yes | | yes |
 //! | OFF, COFF, NOFF, STOFF | yes | yes | | yes, as OFF |
+//! | GLB | | | | yes |
 //! | PCD (text, binary, packed), PTX, legacy VTK | yes | | | |
 //! | NPY, NPZ | yes | | | |
 //! | LAS; with the feature `formats` LAZ and E57 | yes | | | |
@@ -38,6 +39,8 @@ mod e57;
 mod fillers;
 mod foreign;
 mod format;
+mod glb;
+mod grid;
 mod las;
 mod npy;
 mod npz;
@@ -59,6 +62,7 @@ mod zip;
 pub use atomic::write_atomic;
 pub use foreign::name_file;
 pub use format::Format;
+pub use grid::{GridFormat, GridValues, write_grid_to};
 pub use options::{Columns, Raw, ReadOptions};
 pub use write::{
     Encoding, offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to,
@@ -160,8 +164,8 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
 
 /// Reads a triangle mesh from a PLY, OBJ, STL or OFF file; polygons become fans of triangles.
 ///
-/// Every face index is below the number of vertices. Vertices and faces keep the order of the file, vertices their digits; STL, which repeats
-/// each vertex, gets equal positions merged.
+/// Every face index is below the number of vertices. Vertices and faces keep the order of the file, vertices their
+/// digits; STL, which repeats each vertex, gets equal positions merged.
 ///
 /// # Errors
 ///
@@ -343,6 +347,8 @@ fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Resu
         Format::Npy => npy::read(bytes, options, want),
         Format::Npz => npz::read(bytes, options, want),
         Format::Off => off::read(bytes, want),
+        Format::Glb => Err(Error::new(ErrorKind::Format, "GLB models are written, not read")
+            .advise("convert it to PLY, for example with MeshLab or Blender")),
         Format::Pcd => pcd::read(bytes, want),
         Format::Ptx => ptx::read(bytes, want),
         Format::Vtk => vtk::read(bytes, want),
@@ -382,9 +388,9 @@ fn check_range(verts: &[[f64; 3]], noun: &str) -> Result<(), Error> {
     Ok(())
 }
 
-/// Rounds positions to 32 bits if a file declares them as such (`declared`), or if all of them are the shortest decimals
-/// of 32-bit numbers, as programs write those: then it is these numbers that are meant, and a text holds the same cloud
-/// as a binary file. Not where 32 bits would lose the detail ([`Bounds::offset`]).
+/// Rounds positions to 32 bits if a file declares them as such (`declared`), or if all of them are the shortest
+/// decimals of 32-bit numbers, as programs write those: then it is these numbers that are meant, and a text holds the
+/// same cloud as a binary file. Not where 32 bits would lose the detail ([`Bounds::offset`]).
 fn round_to_floats(verts: &mut [[f64; 3]], declared: bool) {
     let mut digits = String::new();
     let mut is_float = |x: f64| {
@@ -427,8 +433,8 @@ fn push_fan(faces: &mut Vec<[u32; 3]>, polygon: &[i64]) -> Result<(), Error> {
     Ok(())
 }
 
-/// A warning where the coordinates have been stored in 32 bits and are so large against the cloud's size that its detail
-/// is lost in the file, as with map coordinates.
+/// A warning where the coordinates have been stored in 32 bits and are so large against the cloud's size that its
+/// detail is lost in the file, as with map coordinates.
 fn coarse_floats(points: &[[f64; 3]]) -> Option<String> {
     let bounds = Bounds::of(points).ok()?;
     let largest = bounds.min.iter().chain(&bounds.max).fold(0.0, |m: f64, x| m.max(x.abs()));

@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::{Format, Want, check_point, obj, off, ply, stl, table, write_atomic};
+use super::{Format, Want, check_point, glb, obj, off, ply, stl, table, write_atomic};
 use crate::geometry::{Bounds, Position, TriangleMesh, are_f32, widened};
 use crate::{Error, ErrorKind};
 
@@ -50,7 +50,7 @@ impl Width {
 /// As [`write_mesh_as`]; [`ErrorKind::Format`] also if the extension means no format.
 pub fn write_mesh<P: Position>(path: impl AsRef<Path>, mesh: &TriangleMesh<P>) -> Result<(), Error> {
     let path = path.as_ref();
-    write_mesh_as(path, mesh, by_extension(path, "ply, obj, stl, off")?, Encoding::Binary)
+    write_mesh_as(path, mesh, by_extension(path, "ply, obj, stl, off, glb")?, Encoding::Binary)
 }
 
 /// Writes a mesh in a named format and encoding; the file appears whole or not at all.
@@ -177,6 +177,7 @@ fn emit_mesh(
         (Format::Stl, Encoding::Ascii) => stl::write_ascii(out, &local()),
         (Format::Obj, _) => obj::write(out, mesh, width),
         (Format::Off, _) => off::write(out, mesh, width),
+        (Format::Glb, _) => glb::write(out, mesh),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a mesh format")),
     }
 }
@@ -214,7 +215,7 @@ fn by_extension(path: &Path, writable: &str) -> Result<Format, Error> {
 fn check_mesh(mesh: &TriangleMesh<[f64; 3]>, format: Format) -> Result<(), Error> {
     if !format.holds_faces() {
         return Err(Error::new(ErrorKind::Format, format!("meshes are not written as {format}"))
-            .advise("choose one of ply, obj, stl, off"));
+            .advise("choose one of ply, obj, stl, off, glb, glb"));
     }
     let (v, f) = (mesh.verts.len(), mesh.faces.len());
     if f == 0 {

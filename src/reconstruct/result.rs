@@ -9,6 +9,7 @@ use crate::finish::{FINISHED_POINTS, Finish};
 use crate::geometry::{
     Bounds, KdTree, NarrowBandOptions, Normalizer, Position, TetGrid, TriangleBvh, TriangleMesh, extract,
 };
+use crate::io::GridValues;
 use rayon::prelude::*;
 
 /// A signed distance field, the parameterized surface and the cloud that both come from.
@@ -102,6 +103,9 @@ impl Shape {
 /// no point and joined to nothing that is may be missed, and is not wanted.
 const COARSE: usize = 16;
 
+/// How far a grid of distances reaches beyond the cloud, working frame.
+const BEYOND: f64 = 0.08;
+
 /// Half the way between the two places that a derivative of the finished distance is taken from, working frame.
 const DIFFERENCE: f32 = 1e-3;
 
@@ -150,8 +154,8 @@ impl Reconstruction {
     }
 
     /// The gradients of [`sdf`](Self::sdf) at `points` (n x 3): outward, of about unit length, without unit. Where the
-    /// result is finished ([`Config::finish`]) they are differences over 2e-3 of the longest side, and so they are where
-    /// the field gives way to the distance to the points.
+    /// result is finished ([`Config::finish`]) they are differences over 2e-3 of the longest side, and so they are
+    /// where the field gives way to the distance to the points.
     pub fn gradient<P: Position>(&self, points: &[P]) -> Vec<P> {
         // Distance and place are scaled alike, so the slope is that of the working frame.
         let places: Vec<[f64; 3]> = points.iter().map(|&p| self.normalizer.forward_wide(p)).collect();
@@ -214,6 +218,32 @@ impl Reconstruction {
     /// origin, else round numbers near its middle, see [`Bounds::offset`].
     pub fn offset(&self) -> [f64; 3] {
         Bounds::of(&self.cloud).map_or([0.0; 3], |bounds| bounds.offset())
+    }
+
+    /// Signed distances on a grid around the cloud, `cubes` along its longest side and as many as needed along the
+    /// others, which reaches beyond the cloud by 0.08 of the longest side everywhere.
+    ///
+    /// # Panics
+    /// If there are no cubes.
+    #[track_caller]
+    pub fn grid(&self, cubes: usize) -> GridValues {
+        assert!(cubes > 0, "grid: no cubes");
+        let scale = self.normalizer.scale();
+        let working = self.normalizer.forward(&self.cloud);
+        // The cloud is not empty and finite, so it has bounds.
+        let size = Bounds::of(&working).map_or([1.0; 3], |bounds| bounds.size());
+        let spacing = (1.0 + 2.0 * BEYOND) / cubes as f64;
+        let size = size.map(|side| ((side + 2.0 * BEYOND) / spacing - 1e-6).ceil() as usize + 1);
+        let low = size.map(|n| -0.5 * spacing * (n - 1) as f64);
+        let mut values = Vec::with_capacity(size.iter().product());
+        // A slice at a time, as places take more memory than values.
+        for k in 0..size[2] {
+            let at = |a: usize, i: usize| low[a] + spacing * i as f64;
+            let row = |j: usize| (0..size[0]).map(move |i| [at(0, i), at(1, j), at(2, k)]);
+            let slice: Vec<[f64; 3]> = (0..size[1]).flat_map(row).collect();
+            values.extend(self.wide_sdf(&slice).into_iter().map(|s| (s * scale) as f32));
+        }
+        GridValues { origin: self.normalizer.inverse_wide(low), spacing: spacing * scale, size, values }
     }
 
     /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a parameterization.
@@ -316,6 +346,19 @@ mod tests {
             let radial = [x[i][0] - 10.0, x[i][1] + 4.0, x[i][2]];
             assert!((0..3).map(|k| radial[k] * gradient[k]).sum::<f32>() > 0.0);
         }
+    }
+
+    #[test]
+    fn the_grid_has_the_distances_at_its_places() {
+        let result = run(&ball(100), &Config::preset(Preset::Start));
+        let grid = result.grid(16);
+        assert_eq!((grid.size, grid.values.len()), ([17, 17, 17], 17 * 17 * 17));
+        let value = |i: [usize; 3]| grid.values[(i[2] * 17 + i[1]) * 17 + i[0]];
+        for i in [[0, 0, 0], [8, 8, 8], [16, 3, 5]] {
+            let x: [f64; 3] = std::array::from_fn(|a| grid.origin[a] + grid.spacing * i[a] as f64);
+            assert!((result.sdf(&[x])[0] - f64::from(value(i))).abs() < 1e-4, "{i:?}");
+        }
+        assert!(value([8, 8, 8]) < -2.5 && value([0, 8, 8]) > 0.2);
     }
 
     #[test]

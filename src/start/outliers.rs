@@ -11,9 +11,15 @@ const AROUND: usize = 8;
 const USUAL: usize = 2;
 /// How much farther than usual a stray reaches, in the cloud and around it, and how far it lies off the plane of its
 /// neighbours, in units of the usual reach. The ends of thin parts reach as far, but along them.
-const STRAY: (f64, f64) = (2.6, 2.8);
+const STRAY: (f64, f64) = (2.6, 2.5);
 /// The same where strays are looked for with less care for the surface.
 const LIKELY: (f64, f64) = (2.0, 2.0);
+/// A point that reaches so much farther than is usual in the cloud is out of the ordinary, and up to so many of them
+/// among the nearest points of another say nothing about the plane of these, for which there are some more. Where there
+/// are more of them, they are a thin part.
+const ODD: (f64, usize) = (2.0, 2);
+/// Neighbours that planes are looked for among.
+const MORE: usize = 12;
 /// A point that reaches so much farther than usual is a stray wherever it lies.
 const LOST: f64 = 10.0;
 /// A cloud with more strays is no surface with strays.
@@ -75,10 +81,11 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
     let none = || vec![false; points.len()];
     let Ok(frame) = Normalizer::of(points) else { return none() };
     let unit = frame.forward(points);
-    let k = AROUND + 1;
+    let k = (MORE + 1).min(unit.len());
     let near = KdTree::new(&unit).k_nearest(&unit, k);
     // A point itself is among its nearest, first but for others at the same place.
-    let others = |i: usize| near[i * k..(i + 1) * k].iter().filter(move |&&j| j as usize != i).take(AROUND);
+    let all = |i: usize| near[i * k..(i + 1) * k].iter().filter(move |&&j| j as usize != i);
+    let others = |i: usize| all(i).take(AROUND);
     let at = |i: usize| Vector3::from(unit[i].map(f64::from));
     let reach_of = |i: usize| {
         others(i).take(REACHED).map(|&j| (at(j as usize) - at(i)).norm()).sum::<f64>() / REACHED as f64
@@ -102,8 +109,13 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
         around.sort_by(f64::total_cmp);
         let usual = around[USUAL].max(median);
         let farther = reach[i] / usual;
-        farther >= LOST
-            || (farther >= far && off_plane(at(i), others(i).map(|&j| at(j as usize))) >= off * usual)
+        if farther >= LOST || farther < far {
+            return farther >= LOST;
+        }
+        let odd = |j: u32| reach[j as usize] >= ODD.0 * median;
+        let few = (1..=ODD.1).contains(&others(i).filter(|&&j| odd(j)).count());
+        let plane = all(i).filter(|&&j| !(few && odd(j))).take(AROUND);
+        off_plane(at(i), plane.map(|&j| at(j as usize))) >= off * usual
     };
     (0..unit.len()).map(is_stray).collect()
 }

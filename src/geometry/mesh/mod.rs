@@ -5,7 +5,7 @@ mod sample;
 mod triangle_mesh;
 
 pub(crate) use report::connected;
-pub use report::{MeshComponent, Topology, shortest, significant};
+pub use report::{MeshComponent, Topology};
 pub(crate) use sample::cumulative_areas;
 pub use sample::{SurfaceSamples, sample_surface};
 pub use triangle_mesh::TriangleMesh;

@@ -1,8 +1,8 @@
 //! What a triangle mesh is like: counts, closedness, orientation, genus, volume, and its components.
 
 use super::TriangleMesh;
-use crate::geometry::Position;
 use crate::geometry::vec3::{dot, sub, triangle_normal};
+use crate::geometry::{Position, shortest, significant};
 use std::fmt;
 
 /// The report of [`TriangleMesh::topology`].
@@ -76,31 +76,6 @@ impl fmt::Display for Topology {
             write!(f, "; from [{lo}] to [{hi}]")?;
         }
         Ok(())
-    }
-}
-
-/// A figure with seven significant digits, with an exponent where it is very small or large.
-pub fn significant(x: f64) -> String {
-    if x == 0.0 || !x.is_finite() {
-        return format!("{x}");
-    }
-    let text = format!("{x:.6e}");
-    let exponent: i32 = text.split_once('e').and_then(|(_, e)| e.parse().ok()).unwrap_or(0);
-    match exponent {
-        -4..7 => format!("{x:.0$}", (6 - exponent) as usize),
-        _ => text,
-    }
-}
-
-/// The shortest digits of a coordinate: those of 32 bits where these hold it exactly.
-pub fn shortest(x: f64) -> String {
-    let narrow = x as f32;
-    let small = x != 0.0 && !(1e-5..1e16).contains(&x.abs());
-    match (f64::from(narrow) == x, small) {
-        (true, false) => format!("{narrow}"),
-        (true, true) => format!("{narrow:e}"),
-        (false, false) => format!("{x}"),
-        (false, true) => format!("{x:e}"),
     }
 }
 

@@ -27,17 +27,20 @@ impl TriangleMesh<[f64; 3]> {
         TriangleMesh { verts: about(&self.verts, offset), faces: self.faces.clone() }
     }
 
-    /// Counts and measures the mesh, in 32 bits about its [`offset`](Self::offset); the bounds are those of the mesh
-    /// where it is.
+    /// Counts and measures the mesh, in 32 bits about its [`offset`](Self::offset); the bounds are where it is, in 32
+    /// bits where there is no offset.
     ///
     /// # Panics
     ///
     /// If a face names a vertex that is not there.
     #[track_caller]
     pub fn topology(&self) -> Topology {
-        let local = self.about(self.offset()).topology();
-        let bounds = Bounds::of(&self.verts).ok().map(|b| [b.min, b.max]);
-        Topology { bounds: bounds.or(local.bounds), ..local }
+        let offset = self.offset();
+        let mut topology = self.about(offset).topology();
+        if offset != [0.0; 3] {
+            topology.bounds = Bounds::of(&self.verts).ok().map(|b| [b.min, b.max]);
+        }
+        topology
     }
 }
 

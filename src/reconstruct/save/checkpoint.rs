@@ -130,10 +130,8 @@ impl Reconstruction {
         self.to_store().write(path.as_ref())
     }
 
-    /// The bytes that [`save`](Self::save) writes, for a pipe.
-    ///
-    /// # Errors
-    /// [`ErrorKind::Checkpoint`] if they cannot be encoded, which no result is known to cause.
+    /// The bytes that [`save`](Self::save) writes. [`ErrorKind::Checkpoint`] if they cannot be encoded; no case is
+    /// known.
     pub fn to_bytes(&self) -> Result<Vec<u8>, Error> {
         self.to_store().encode()
     }
@@ -165,8 +163,8 @@ impl Reconstruction {
         store
     }
 
-    /// Loads a result that [`save`](Self::save) saved, with this version of the crate or an earlier one; it gives the same
-    /// bytes. Where the file's options are not quite those of this version, [`notices`](Self::notices) says so.
+    /// Loads a result that [`save`](Self::save) saved, with this version of the crate or an earlier one; it gives the
+    /// same bytes. Where the file's options are not quite those of this version, [`notices`](Self::notices) says so.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or something else.

@@ -58,8 +58,8 @@ pub(super) fn read(store: &Store) -> Result<Vec<[f64; 3]>, Error> {
     Ok(cloud)
 }
 
-/// The number of points and a checksum of their bits: of 32 where these hold all coordinates exactly, as in the files of
-/// earlier versions.
+/// The number of points and a checksum of their bits: of 32 where these hold all coordinates exactly, as in the files
+/// of earlier versions.
 pub(super) fn fingerprint(cloud: &[[f64; 3]]) -> String {
     let mut sum = Checksum::new();
     let narrow = are_f32(cloud);

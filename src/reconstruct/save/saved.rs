@@ -47,7 +47,8 @@ impl Saved {
     /// Reads what can be said about the bytes of a file.
     ///
     /// # Errors
-    /// [`ErrorKind::Checkpoint`](crate::ErrorKind::Checkpoint) if they are damaged, or neither a checkpoint nor a result.
+    /// [`ErrorKind::Checkpoint`](crate::ErrorKind::Checkpoint) if they are damaged, or neither a checkpoint nor a
+    /// result.
     pub fn from_bytes(bytes: &[u8]) -> Result<Saved, Error> {
         let store = Store::decode(bytes)?;
         if store.get("kind")?.starts_with(RECONSTRUCTION.name) {
