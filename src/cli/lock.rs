@@ -19,6 +19,10 @@ pub struct Lock {
 impl Lock {
     /// Locks a file that is to be written. Where the system locks no files, nothing is locked.
     pub fn on(path: &Path) -> Result<Option<Lock>, Failure> {
+        // What is no file, such as a device, is not replaced.
+        if fs::metadata(path).is_ok_and(|meta| !meta.is_file()) {
+            return Ok(None);
+        }
         let beside = beside(path);
         let failed =
             |e| Failure::Output(Error::new(ErrorKind::Io, "cannot lock the file").in_file(path).caused_by(e));
