@@ -6,7 +6,8 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Child, Command};
 
-use bijective_sdf::io::{read_cloud, read_mesh};
+use bijective_sdf::geometry::Shape;
+use bijective_sdf::io::{read_cloud, read_mesh, write_cloud};
 
 #[allow(dead_code)]
 mod common;
@@ -219,4 +220,32 @@ fn meshes_and_distances_go_to_programs_for_models_and_volumes() {
     assert!(sdf("a.nrrd").starts_with(b"NRRD0004\n") && sdf("a.vti").starts_with(b"<?xml"));
     fails(program().arg("sdf").arg(&field).args(["--grid", "12", "-o", "a.raw"]), 2, &["npy, nrrd, vti"]);
     run(program().arg("sdf").arg(&field), 2);
+}
+
+#[test]
+fn a_trimmed_mesh_is_open_where_no_point_was() {
+    let dir = Dir::new("trim");
+    let below: Vec<[f32; 3]> =
+        Shape::Sphere { radius: 0.5 }.sample(300, 1).0.into_iter().filter(|p| p[2] < 0.1).collect();
+    let (cloud, mesh, field) = (dir.path("bowl.ply"), dir.path("mesh.ply"), dir.path("a.field"));
+    write_cloud(&cloud, &below).unwrap();
+    let whole = |mesh: &Path| {
+        let mut command = program();
+        command.arg("reconstruct").arg(&cloud).arg("-o").arg(mesh).args(["--preset", "start", "--json"]);
+        command.args(["--resolution", "32"]);
+        command
+    };
+    let json = parse(&out(&run(whole(&mesh).arg("--save-field").arg(&field).arg("--trim"), 0)));
+    let removed = json.at("trim").at("removed").number();
+    assert!((0.05..0.6).contains(&removed), "{removed}");
+    assert!(!json.at("mesh").at("closed").truth() && json.at("mesh").at("boundary_loops").number() == 1.0);
+    let again = dir.path("again.ply");
+    run(program().arg("mesh").arg(&field).arg("-o").arg(&again).args(["--resolution", "32", "--trim=1"]), 0);
+    assert!(fs::read(&mesh).unwrap() == fs::read(&again).unwrap());
+    assert!(parse(&out(&run(&mut whole(&mesh), 0))).at("mesh").at("closed").truth());
+    fails(whole(&mesh).arg("--trim=0"), 2, &["--trim", "above 0"]);
+    // What is kept says how to go on with the same options.
+    let output = run(whole(&dir.path("none.ply")).arg("--trim=1e-6"), 1);
+    assert!(err(&output).contains("none.ply --trim=0.000001`"), "{}", err(&output));
+    assert!(!dir.path("none.ply").exists() && dir.path("none.ply.field").exists());
 }
