@@ -31,8 +31,8 @@
 //! # Conventions
 //!
 //! - **Frame.** Points go in, of 32 or 64 bits ([`geometry::Position`]), and meshes and distances come out in the
-//!   input's frame and unit, however large the coordinates are. All work in between happens, in 32 bits, in the *working
-//!   frame*, where the cloud's bounding box is centred at the origin and its longest side is 1
+//!   input's frame and unit, however large the coordinates are. All work in between happens, in 32 bits, in the
+//!   *working frame*, where the cloud's bounding box is centred at the origin and its longest side is 1
 //!   ([`geometry::Normalizer`]). Lengths in [`Config`] are in the working frame.
 //! - **Sign.** The field is negative inside.
 //! - **Winding.** Faces run counter-clockwise seen from outside, so a closed mesh has a positive volume.

@@ -162,13 +162,14 @@ impl Format {
         from_text(&bytes[..bytes.len().min(4096)])
     }
 
-    /// The formats that are read with their extensions, for messages: `ply (.ply), xyz (.xyz .txt ...)`.
+    /// The supported formats with their extensions, for messages: `ply (.ply), xyz (.xyz .txt ...)`.
     pub fn list() -> String {
         let one = |f: Format| {
             let extensions: Vec<String> = f.extensions().iter().map(|e| format!(".{e}")).collect();
-            format!("{} ({})", f.name(), extensions.join(" "))
+            let only = if f == Format::Glb { ", written only" } else { "" };
+            format!("{} ({}{only})", f.name(), extensions.join(" "))
         };
-        Format::ALL.into_iter().filter(|f| *f != Format::Glb).map(one).collect::<Vec<_>>().join(", ")
+        Format::ALL.map(one).join(", ")
     }
 }
 

@@ -183,14 +183,18 @@ mod tests {
     }
 
     #[test]
-    fn few_points_and_heaps_of_strays_are_left_alone() {
+    fn few_points_and_many_strays_are_left_alone() {
         let points = TORUS.sample(300, 1).0;
+        // So far apart that each is a stray to the rest, and too many for that.
         let far = |i: usize| -> [f32; 3] {
-            let a = i as f32;
-            [5.0 * a.sin() * (1.0 + a % 3.0), 4.0 * (1.7 * a).cos(), 3.0 + 2.0 * (2.3 * a).sin()]
+            let (size, side) = (10f32.powi(2 + i as i32 / 6), [1.0, -1.0][i % 2]);
+            let mut p = [0.0; 3];
+            p[i / 2 % 3] = side * size;
+            p
         };
-        let many: Vec<[f32; 3]> = (0..60).map(far).collect();
-        assert!(find_outliers(&with(&points, &many), Suspicion::Low).is_empty());
+        let few: Vec<[f32; 3]> = (0..6).map(far).collect();
+        assert_eq!(find_outliers(&with(&points[..60], &few), Suspicion::Low), [60, 61, 62, 63, 64, 65]);
+        assert!(find_outliers(&with(&points[..50], &few), Suspicion::Low).is_empty());
         assert!(find_outliers(&points[..19], Suspicion::High).is_empty());
         assert!(find_outliers(&[[0.0f32; 3]; 0], Suspicion::High).is_empty());
         assert!(find_outliers(&[[1.0f32; 3]; 40], Suspicion::High).is_empty());
