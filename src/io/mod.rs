@@ -56,6 +56,7 @@ mod stl;
 mod table;
 mod text;
 mod vtk;
+mod width;
 mod write;
 mod zip;
 

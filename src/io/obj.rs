@@ -3,7 +3,7 @@
 use std::io::{self, Write};
 
 use super::text::{Lines, integer, show, three_floats, without_mark, words, write_position};
-use super::write::Width;
+use super::width::Width;
 use super::{Loaded, Want, check_point, push_fan};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};

@@ -10,7 +10,7 @@ use std::io::{self, Write};
 use super::text::{
     Lines, float, integer, not_a_number, show, three_floats, without_mark, words, write_position,
 };
-use super::write::Width;
+use super::width::Width;
 use super::{Loaded, Want, check_point, push_fan};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};

@@ -2,7 +2,7 @@
 
 use std::io::{self, Write};
 
-use super::write::Width;
+use super::width::Width;
 use crate::{Error, ErrorKind};
 
 /// The lines of a text with their numbers from 1. A line ends at `\n`, `\r\n` or a lone `\r`.

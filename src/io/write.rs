@@ -3,6 +3,7 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use super::width::Width;
 use super::{Format, Want, check_point, glb, obj, off, ply, stl, table, write_atomic};
 use crate::geometry::{Bounds, Position, TriangleMesh, are_f32, widened};
 use crate::{Error, ErrorKind};
@@ -15,28 +16,6 @@ pub enum Encoding {
     Binary,
     /// Text.
     Ascii,
-}
-
-/// The bits that a coordinate is written with.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) enum Width {
-    /// 32.
-    Single,
-    /// 64.
-    Double,
-}
-
-impl Width {
-    /// 32 bits where these hold all coordinates exactly.
-    fn of_cloud(points: &[[f64; 3]]) -> Width {
-        if are_f32(points) { Width::Single } else { Width::Double }
-    }
-
-    /// 32 bits also where they lose nothing of the detail ([`Bounds::offset`]), as everybody reads them.
-    fn of_mesh(verts: &[[f64; 3]]) -> Width {
-        let near = Bounds::of(verts).is_ok_and(|bounds| bounds.offset() == [0.0; 3]);
-        if near { Width::Single } else { Width::of_cloud(verts) }
-    }
 }
 
 /// Writes a mesh in the format that the extension of `path` means: `ply` and `stl` in binary, `obj` as text.

@@ -99,8 +99,8 @@ impl Shape {
     }
 }
 
-/// Cubes along each side of the lattice that the surface is searched from: a part that is smaller than these cubes, near
-/// no point and joined to nothing that is may be missed, and is not wanted.
+/// Cubes along each side of the lattice that the surface is searched from: a part that is smaller than these cubes,
+/// near no point and joined to nothing that is may be missed, and is not wanted.
 const COARSE: usize = 16;
 
 /// How far a grid of distances reaches beyond the cloud, working frame.

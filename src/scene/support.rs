@@ -25,13 +25,13 @@ pub struct Support {
 
 /// How well `points` (n x 3) speak for each of `places` (m x 3, in the same frame), of 32 or 64 bits each.
 ///
-/// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a disc:
-/// r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). At a place it
-/// is the mean over the eight nearest points.
+/// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a
+/// disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). At a
+/// place it is the mean over the eight nearest points.
 ///
 /// # Errors
-/// [`ErrorKind::Data`](crate::ErrorKind::Data) if there are fewer than two distinct points or a coordinate of the points
-/// is not finite.
+/// [`ErrorKind::Data`](crate::ErrorKind::Data) if there are fewer than two distinct points or a coordinate of the
+/// points is not finite.
 ///
 /// # Panics
 /// If a place is not finite.

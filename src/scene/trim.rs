@@ -27,10 +27,10 @@ pub struct Trimmed<P = [f32; 3]> {
 
 /// Cuts off `mesh` what has a gap above `factor`, given the `support` of its vertices (v).
 ///
-/// Faces that the limit runs through are cut along it, so that the boundary is a smooth line and not a saw. A hole below
-/// 4 squares of the spacing is not cut, and a piece below 10 is dropped. Where `mesh` is a manifold the result is one,
-/// its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is `mesh` itself, but
-/// for pieces that are dropped.
+/// Faces that the limit runs through are cut along it, so that the boundary is a smooth line and not a saw. A hole
+/// below 4 squares of the spacing is not cut, and a piece below 10 is dropped. Where `mesh` is a manifold the result is
+/// one, its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is `mesh`
+/// itself, but for pieces that are dropped.
 ///
 /// # Panics
 /// If there is not one support a vertex, or a face names a vertex that is not there.

@@ -2,7 +2,7 @@
 
 use super::TriangleMesh;
 use crate::geometry::vec3::{dot, sub, triangle_normal};
-use crate::geometry::{Position, shortest, significant};
+use crate::geometry::{Bounds, Position, shortest, significant};
 use std::fmt;
 
 /// The report of [`TriangleMesh::topology`].
@@ -262,6 +262,24 @@ impl TriangleMesh {
         let corners = self.corners(face);
         let normal = triangle_normal(corners);
         (dot(sub(corners[0], centre), normal) / 6.0, 0.5 * dot(normal, normal).sqrt())
+    }
+}
+
+impl TriangleMesh<[f64; 3]> {
+    /// Counts and measures the mesh, in 32 bits about its [`offset`](Self::offset); the bounds are where it is, in 32
+    /// bits where there is no offset.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn topology(&self) -> Topology {
+        let offset = self.offset();
+        let mut topology = self.about(offset).topology();
+        if offset != [0.0; 3] {
+            topology.bounds = Bounds::of(&self.verts).ok().map(|b| [b.min, b.max]);
+        }
+        topology
     }
 }
 

@@ -1,6 +1,5 @@
 //! The indexed triangle mesh.
 
-use super::Topology;
 use crate::geometry::{Bounds, Position, about, widened};
 
 /// An indexed triangle mesh; counter-clockwise winding seen from outside.
@@ -25,22 +24,6 @@ impl TriangleMesh<[f64; 3]> {
     /// The mesh in 32 bits, less an offset.
     pub fn about(&self, offset: [f64; 3]) -> TriangleMesh {
         TriangleMesh { verts: about(&self.verts, offset), faces: self.faces.clone() }
-    }
-
-    /// Counts and measures the mesh, in 32 bits about its [`offset`](Self::offset); the bounds are where it is, in 32
-    /// bits where there is no offset.
-    ///
-    /// # Panics
-    ///
-    /// If a face names a vertex that is not there.
-    #[track_caller]
-    pub fn topology(&self) -> Topology {
-        let offset = self.offset();
-        let mut topology = self.about(offset).topology();
-        if offset != [0.0; 3] {
-            topology.bounds = Bounds::of(&self.verts).ok().map(|b| [b.min, b.max]);
-        }
-        topology
     }
 }
 

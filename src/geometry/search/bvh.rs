@@ -112,8 +112,8 @@ impl TriangleBvh {
         self.nearest_with_guess(q, 0)
     }
 
-    /// As [`nearest`](Self::nearest), and as quick as face `guess` (any face of the mesh) is near to `q`: no box farther
-    /// than that is opened. The result does not depend on the guess.
+    /// As [`nearest`](Self::nearest), and as quick as face `guess` (any face of the mesh) is near to `q`: no box
+    /// farther than that is opened. The result does not depend on the guess.
     ///
     /// # Panics
     /// If `q` is not finite or the mesh has no such face.

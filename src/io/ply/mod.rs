@@ -9,7 +9,7 @@ use std::io::{self, Write};
 use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
 
 use super::text::write_position;
-use super::write::Width;
+use super::width::Width;
 use super::{Loaded, NORMAL, Want};
 use crate::{Error, ErrorKind};
 

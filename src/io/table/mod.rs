@@ -10,7 +10,7 @@ use std::io::{self, Write};
 use super::doubt::{Doubt, Evidence};
 use super::options::{Columns, ReadOptions};
 use super::text::{Lines, integer, not_a_number, show, without_mark, write_position};
-use super::write::Width;
+use super::width::Width;
 use super::{Loaded, Want, check_point};
 use crate::{Error, ErrorKind};
 
