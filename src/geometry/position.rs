@@ -85,6 +85,6 @@ mod tests {
         assert!(are_f32(&narrow) && are_f32(&wide) && !are_f32(&[[0.1, 0.0, 0.0]]));
         assert_eq!(<[f32; 3]>::of_wide(wide[0]), narrow[0]);
         // Digits that 32 bits lose at the place itself are there about an offset.
-        assert_eq!(about(&[[5_400_000.0625, 0.0, 0.0]], [5_400_000.0, 0.0, 0.0]), [[0.0625, 0.0, 0.0]]);
+        assert_eq!(about(&[[5_400_000.062_5, 0.0, 0.0]], [5_400_000.0, 0.0, 0.0]), [[0.0625, 0.0, 0.0]]);
     }
 }
