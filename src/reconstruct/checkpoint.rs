@@ -52,8 +52,8 @@ impl Trainer {
     }
 
     /// Takes up the run that [`save_checkpoint`](Self::save_checkpoint) saved, for the same `points` (n x 3) and
-    /// options; `finish` and `mesh.min_component`, which come after the training, may be others. [`Saved`] knows the
-    /// options of a file.
+    /// options; `finish` and `mesh.min_component`, which come after the training, may be others.
+    /// [`Saved`](super::Saved) knows the options of a file.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or belongs to another
