@@ -23,6 +23,8 @@ const FAR: f32 = 1e6;
 /// It depends on the points and on the field's values and gradients there, so it is made anew from them, not saved.
 #[derive(Clone, Debug)]
 pub struct Finish {
+    /// What it is saved as.
+    #[cfg(feature = "checkpoint")]
     points: Vec<[f32; 3]>,
     residual: Residual,
     /// For clouds of at most 500 points, and none if these determine no plate.
@@ -54,11 +56,13 @@ impl Finish {
         Ok(Finish {
             residual: Residual::fit(points, &normals, values)?,
             plate: (n <= MAX_CENTRES).then(|| PlateBlend::fit(points, &normals).ok()).flatten(),
+            #[cfg(feature = "checkpoint")]
             points: points.to_vec(),
         })
     }
 
     /// The points that it was made for, n x 3.
+    #[cfg(feature = "checkpoint")]
     pub fn points(&self) -> &[[f32; 3]] {
         &self.points
     }
