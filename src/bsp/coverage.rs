@@ -85,8 +85,9 @@ impl Coverage {
 impl CodeCoverage {
     /// The share of the sphere's codes that are in some patch, 0 to 1.
     ///
-    /// It cannot exceed n M / m, which is 1 over [`BspConfig::sphere`](super::BspConfig::sphere): all of a sphere of
-    /// n M codes, a seventeenth of one of 50,000 for 300 points. Codes that lie at random use about two thirds of n M.
+    /// It cannot exceed n M / m, which is 1 over [`BspConfig::code_density`](super::BspConfig::code_density): all of a
+    /// sphere of n M codes, a seventeenth of one of 50,000 for 300 points. Codes that lie at random use about two
+    /// thirds of n M.
     pub fn evenness(&self) -> f64 {
         self.used as f64 / self.sphere as f64
     }

@@ -17,7 +17,7 @@ use rand_distr::{Distribution, Normal};
 /// The field network: n x 3 points in the working frame to n x 1 signed distances, negative inside.
 ///
 /// With an offset there are three more outputs, the displacement of a grid vertex (for
-/// [`Deformation::Offset`](super::Deformation)).
+/// `Deformation::Offset` of [`gdo`](crate::gdo)).
 ///
 /// Hidden layer l: h = act(h W_l + b_l), with the encoding joined to its input (both divided by sqrt 2) at `skip`; then
 /// a linear layer to one value (or four). Parameters: `field.L.weight` (c_in x c_out) and `field.L.bias` (1 x c_out),

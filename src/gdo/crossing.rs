@@ -1,11 +1,9 @@
 //! The differentiable half of deep marching tetrahedra: where the surface crosses the edges that change sign.
 
 use crate::autodiff::{At, Op, Tape, Var};
+use crate::geometry::{MARGIN, along, crossing_share};
 use crate::tensor::Tensor;
 use std::sync::Arc;
-
-/// The share of the way from a to b is kept this far from both ends, so no two surface vertices coincide.
-const MARGIN: f32 = 1e-4;
 
 /// v = (x_a s_b - x_b s_a) / (s_b - s_a) for every edge (a, b), written as x_a + t (x_b - x_a), t = s_a / (s_a - s_b)
 /// clamped to [MARGIN, 1 - MARGIN].
@@ -29,10 +27,8 @@ impl Op<2> for EdgeCrossing {
         let mut saved = Vec::with_capacity(self.edges.len());
         for (out, &[a, b]) in y.data_mut().as_chunks_mut::<3>().0.iter_mut().zip(self.edges.iter()) {
             let (a, b) = (a as usize, b as usize);
-            let t = (values[a] / (values[a] - values[b])).clamp(MARGIN, 1.0 - MARGIN);
-            for (d, out) in out.iter_mut().enumerate() {
-                *out = points[a][d] + t * (points[b][d] - points[a][d]);
-            }
+            let t = crossing_share(values[a], values[b]);
+            *out = along(points[a], points[b], t);
             saved.push(t);
         }
         (y, saved)

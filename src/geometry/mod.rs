@@ -22,6 +22,7 @@ pub use grid::{
     ActiveSet, BandTopology, FieldFn, Isosurface, NarrowBandOptions, TetGrid, active_set, extract,
     interpolate, march,
 };
+pub(crate) use grid::{MARGIN, along, crossing_share};
 pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
 pub(crate) use mesh::{connected, cumulative_areas};
 pub use position::{Position, about, are_f32, widened};

@@ -2,7 +2,6 @@
 
 use crate::autodiff::{Tape, Var};
 use crate::geometry::TriangleBvh;
-use crate::geometry::vec3::{dot, sub};
 
 /// The mean over the m points of the squared distance to the nearest point on the faces of a mesh.
 ///
@@ -22,14 +21,12 @@ pub fn surface_distance(
     points: Var,
 ) -> Var {
     let hits = tree.nearest_all(&tape.value(points).to_points());
-    let places = tape.value(verts).data().as_chunks::<3>().0;
     let m = hits.len();
     let mut corners: [(Vec<u32>, Vec<f32>); 3] =
         std::array::from_fn(|_| (Vec::with_capacity(m), Vec::with_capacity(m)));
     for hit in &hits {
         let face = faces[hit.face as usize];
-        let weights = barycentric(face.map(|v| places[v as usize]), hit.point);
-        for ((index, weight), (v, w)) in corners.iter_mut().zip(face.into_iter().zip(weights)) {
+        for ((index, weight), (v, w)) in corners.iter_mut().zip(face.into_iter().zip(hit.weights)) {
             index.push(v);
             weight.push(w);
         }
@@ -39,28 +36,6 @@ pub fn surface_distance(
     let off = tape.square(off);
     let off = tape.sum_cols(off);
     tape.mean(off)
-}
-
-/// Barycentric coordinates of a point on a triangle; on one without area, those on its longest side.
-fn barycentric(corners: [[f32; 3]; 3], p: [f32; 3]) -> [f32; 3] {
-    let [a, b, c] = corners.map(|x| x.map(f64::from));
-    let p = p.map(f64::from);
-    let (e, f, d) = (sub(b, a), sub(c, a), sub(p, a));
-    let (ee, ef, ff, de, df) = (dot(e, e), dot(e, f), dot(f, f), dot(d, e), dot(d, f));
-    let det = ee * ff - ef * ef;
-    let (s, t) = if det > 1e-14 * ee * ff {
-        ((ff * de - ef * df) / det, (ee * df - ef * de) / det)
-    } else if ee >= ff && ee > 0.0 {
-        (de / ee, 0.0)
-    } else if ff > 0.0 {
-        (0.0, df / ff)
-    } else {
-        (0.0, 0.0)
-    };
-    let (s, t) = (s.clamp(0.0, 1.0), t.clamp(0.0, 1.0));
-    let over = (s + t).max(1.0);
-    let (s, t) = (s / over, t / over);
-    [(1.0 - s - t) as f32, s as f32, t as f32]
 }
 
 #[cfg(test)]
@@ -87,28 +62,6 @@ mod tests {
                 surface_distance(t, x[0], &faces, &tree, x[1])
             }, &inputs, seed);
         }
-
-        #[test]
-        fn coordinates_find_the_point_again(seed: u64, s in 0.0f32..1.0, t in 0.0f32..1.0) {
-            let corners: [[f32; 3]; 3] = normal(&[3, 3], seed).to_points().try_into().unwrap();
-            let (s, t) = if s + t > 1.0 { (1.0 - s, 1.0 - t) } else { (s, t) };
-            let place = |w: [f32; 3]| -> [f32; 3] {
-                std::array::from_fn(|d| (0..3).map(|c| w[c] * corners[c][d]).sum())
-            };
-            let p = place([1.0 - s - t, s, t]);
-            let w = barycentric(corners, p);
-            prop_assert!(w.iter().all(|&w| (-1e-6..=1.0 + 1e-6).contains(&w)));
-            for (a, b) in place(w).into_iter().zip(p) {
-                prop_assert!((a - b).abs() < 1e-3, "{w:?}");
-            }
-        }
-    }
-
-    #[test]
-    fn a_face_without_area_is_the_segment_it_is() {
-        let along = [[0.0; 3], [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]];
-        assert_eq!(barycentric(along, [0.25, 0.0, 0.0]), [0.75, 0.25, 0.0]);
-        assert_eq!(barycentric([[2.0; 3]; 3], [2.0; 3]), [1.0, 0.0, 0.0]);
     }
 
     #[test]

@@ -17,9 +17,8 @@ macro_rules! loss_terms {
         #[derive(Clone, Copy, Debug, PartialEq)]
         pub struct Weights {
             $($(#[$doc])* pub $name: f32,)*
-            /// What the weight of L_deform has been multiplied by at the end, falling geometrically: a strong pull to S
-            /// early is meant to rid the start of surface that no point asks for, a weak one late to leave the last
-            /// word to the points. Paper 1.
+            /// What the weight of L_deform has been multiplied by at the end, falling geometrically; below 1 leaves the
+            /// last word to the points. Default and paper 1, a constant weight.
             pub deform_decay: f32,
         }
 

@@ -2,12 +2,14 @@
 
 mod active_set;
 mod bricks;
+mod crossing;
 mod level;
 mod marching;
 mod narrow_band;
 mod tet_grid;
 
 pub use active_set::{ActiveSet, FieldFn};
+pub(crate) use crossing::{MARGIN, along, crossing_share};
 pub use marching::{BandTopology, Isosurface, march};
 pub use narrow_band::{NarrowBandOptions, active_set, extract, interpolate};
 pub use tet_grid::TetGrid;

@@ -4,6 +4,7 @@
 //! and again, down to the fine grid. On each level the surface is followed through the faces it crosses, into cubes
 //! that nothing predicted, so what is found is always closed; the prediction only has to hit every component once.
 
+use super::crossing::{along, crossing_share};
 use super::level::Level;
 use super::{ActiveSet, FieldFn, Isosurface, TetGrid, march};
 use crate::geometry::TriangleMesh;
@@ -105,11 +106,7 @@ pub fn interpolate(positions: &[[f32; 3]], values: &[f32], edges: &[[u32; 2]]) -
     );
     let crossing = |&[a, b]: &[u32; 2]| {
         let (a, b) = (a as usize, b as usize);
-        // In f64 the difference of two f32 neither overflows nor vanishes.
-        let (va, vb) = (f64::from(values[a]), f64::from(values[b]));
-        let t = (va / (va - vb)).clamp(1e-4, 1.0 - 1e-4) as f32;
-        let (p, q) = (positions[a], positions[b]);
-        std::array::from_fn(|i| p[i] + t * (q[i] - p[i]))
+        along(positions[a], positions[b], crossing_share(values[a], values[b]))
     };
     edges.iter().map(crossing).collect()
 }

@@ -1,8 +1,9 @@
 //! Exact distance from points to a triangle mesh.
 
+use super::triangle::{OnTriangle, closest_on_triangle};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::TriangleMesh;
-use crate::geometry::vec3::{dist_sq, dot, sub, triangle_normal};
+use crate::geometry::vec3::{dist_sq, dot, triangle_normal};
 use rayon::prelude::*;
 
 /// Triangles in a leaf, at most.
@@ -21,6 +22,8 @@ pub struct SurfaceHit {
     pub face: u32,
     /// The point itself.
     pub point: [f32; 3],
+    /// Its barycentric coordinates in that face: the weights of the corners, not negative and together 1.
+    pub weights: [f32; 3],
     /// Squared distance to it.
     pub dist_sq: f64,
 }
@@ -121,10 +124,10 @@ impl TriangleBvh {
     pub(crate) fn nearest_with_guess(&self, q: [f32; 3], guess: u32) -> SurfaceHit {
         assert!(q.iter().all(|x| x.is_finite()), "TriangleBvh::nearest: query {q:?} is not finite");
         let q = q.map(f64::from);
-        let mut best = (f64::INFINITY, u32::MAX, [0.0; 3]);
-        let consider = |place: u32, best: &mut (f64, u32, [f64; 3])| {
-            let p = closest_on_triangle(q, self.corners[place as usize]);
-            let found = (dist_sq(q, p), self.face[place as usize], p);
+        let mut best = (f64::INFINITY, u32::MAX, OnTriangle::default());
+        let consider = |place: u32, best: &mut (f64, u32, OnTriangle)| {
+            let nearest = closest_on_triangle(q, self.corners[place as usize]);
+            let found = (dist_sq(q, nearest.point), self.face[place as usize], nearest);
             if (found.0, found.1) < (best.0, best.1) {
                 *best = found;
             }
@@ -145,7 +148,8 @@ impl TriangleBvh {
                 (node.at..node.at + node.count).for_each(|place| consider(place, &mut best));
                 continue;
             }
-            let [a, b] = [at + 1, node.at].map(|c| (self.nodes[c as usize].dist_sq(q), c));
+            let child = |c: u32| (self.nodes[c as usize].dist_sq(q), c);
+            let (a, b) = (child(at + 1), child(node.at));
             // The nearer child is put on top and opened first.
             let (near, far) = if a.0 <= b.0 { (a, b) } else { (b, a) };
             for child in [far, near] {
@@ -155,7 +159,9 @@ impl TriangleBvh {
                 }
             }
         }
-        SurfaceHit { face: best.1, point: best.2.map(|x| x as f32), dist_sq: best.0 }
+        let (dist_sq, face, OnTriangle { point, weights }) = best;
+        let narrow = |x: [f64; 3]| x.map(|x| x as f32);
+        SurfaceHit { face, point: narrow(point), weights: narrow(weights), dist_sq }
     }
 
     /// For each of `queries` (m x 3), the nearest point of the mesh (m).
@@ -163,7 +169,8 @@ impl TriangleBvh {
     /// # Panics
     /// If a query is not finite.
     pub fn nearest_all(&self, queries: &[[f32; 3]]) -> Vec<SurfaceHit> {
-        let mut out = vec![SurfaceHit { face: 0, point: [0.0; 3], dist_sq: 0.0 }; queries.len()];
+        let mut out =
+            vec![SurfaceHit { face: 0, point: [0.0; 3], weights: [0.0; 3], dist_sq: 0.0 }; queries.len()];
         out.par_chunks_mut(CHUNK).zip(queries.par_chunks(CHUNK)).for_each(|(out, queries)| {
             // Neighbours in the list are often neighbours in space.
             let mut guess = 0;
@@ -267,32 +274,6 @@ fn build(items: &mut [Item], triangle: &impl Fn(u32) -> [[f64; 3]; 3], first: u3
     };
 }
 
-/// The point of a triangle nearest to `p`: its foot on the plane if that is inside, otherwise the best of the edges.
-fn closest_on_triangle(p: [f64; 3], [a, b, c]: [[f64; 3]; 3]) -> [f64; 3] {
-    let (e, f, d) = (sub(b, a), sub(c, a), sub(p, a));
-    let (ee, ef, ff, de, df) = (dot(e, e), dot(e, f), dot(f, f), dot(d, e), dot(d, f));
-    let det = ee * ff - ef * ef;
-    // Slivers have no reliable foot; their edges are near enough to every point of them.
-    if det > 1e-14 * ee * ff {
-        let (s, t) = ((ff * de - ef * df) / det, (ee * df - ef * de) / det);
-        if s >= 0.0 && t >= 0.0 && s + t <= 1.0 {
-            return std::array::from_fn(|k| a[k] + s * e[k] + t * f[k]);
-        }
-    }
-    let mut best = (f64::INFINITY, a);
-    for (from, to) in [(a, b), (b, c), (c, a)] {
-        let edge = sub(to, from);
-        let len_sq = dot(edge, edge);
-        let t = if len_sq > 0.0 { (dot(sub(p, from), edge) / len_sq).clamp(0.0, 1.0) } else { 0.0 };
-        let q = std::array::from_fn(|k| from[k] + t * edge[k]);
-        let apart = dist_sq(p, q);
-        if apart < best.0 {
-            best = (apart, q);
-        }
-    }
-    best.1
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -354,8 +335,8 @@ mod tests {
                     .enumerate()
                     .map(|(f, face)| {
                         let q = q.map(f64::from);
-                        let p = closest_on_triangle(q, face.map(|v| mesh.verts[v as usize].map(f64::from)));
-                        (dot(sub(q, p), sub(q, p)), f as u32)
+                        let corners = face.map(|v| mesh.verts[v as usize].map(f64::from));
+                        (dist_sq(q, closest_on_triangle(q, corners).point), f as u32)
                     })
                     .min_by(|a, b| a.partial_cmp(b).unwrap())
                     .unwrap();
@@ -389,7 +370,8 @@ mod tests {
         };
         let bvh = TriangleBvh::new(&mesh).unwrap();
         let hit = bvh.nearest([0.25, 0.25, 2.0]);
-        assert_eq!(hit, SurfaceHit { face: 1, point: [0.25, 0.25, 0.0], dist_sq: 4.0 });
+        let weights = [0.5, 0.25, 0.25];
+        assert_eq!(hit, SurfaceHit { face: 1, point: [0.25, 0.25, 0.0], weights, dist_sq: 4.0 });
         assert_eq!(bvh.nearest([1.0, 1.0, 0.0]).point, [0.5, 0.5, 0.0]);
         assert_eq!(bvh.face_normal(1), [0.0, 0.0, 1.0]);
         assert_eq!(bvh.face_normal(0), [0.0; 3]);

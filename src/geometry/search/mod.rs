@@ -4,6 +4,7 @@ mod bvh;
 mod inside;
 mod kd_tree;
 mod nearest;
+mod triangle;
 
 pub use bvh::{SurfaceHit, TriangleBvh};
 pub use kd_tree::KdTree;

@@ -39,7 +39,7 @@ pub struct Start {
     pub dipole_radius: f32,
     /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
-    /// Steps of the regression. Default 400.
+    /// Steps of the regression. Default 200; more learn the faults of the first shape, too (`benches/accuracy.md`).
     pub steps: usize,
     /// Learning rate of the regression. Default 2e-3.
     pub rate: f32,
@@ -117,12 +117,12 @@ pub struct Config {
     pub parameterization: Parameterization,
     /// The sizes of BSP; `patch` and, where they learn, `channels` hold for the other parameterizations, too.
     pub bsp: BspConfig,
-    /// Steps on L_para alone before the training. Default 100; the paper has none.
+    /// Steps on L_para alone before the training. Default 30; the paper has none.
     pub bsp_pretrain: usize,
     /// Whether S covers the field's first shape in the pretraining, and not the points alone. Default true.
     pub bsp_pretrain_on_shape: bool,
     /// Steps between two trainings of the parameterization during the training; 0 freezes it after its pretraining
-    /// (the paper's ablation without L_deform for BSP). Default 2, paper 1.
+    /// (the paper's ablation without L_deform for BSP). Default 6, paper 1.
     pub bsp_every: usize,
     /// The shape that the field starts as.
     pub start: Start,
@@ -145,7 +145,7 @@ pub struct Config {
     /// Parts of a large cloud in a step.
     pub batch: Batch,
     /// Samples on the faces of the extracted surface that stand for it where distances start from it; distances to it
-    /// are then to its faces. 0 takes its vertices for both. Default 8,000, which lie more evenly than the vertices of
+    /// are then to its faces. 0 takes its vertices for both. Default 4,000, which lie more evenly than the vertices of
     /// a grid as fine as a preset's; paper 0.
     pub surface_samples: usize,
     /// Learning rate of the field. Default 5e-4 after a warm-up of 20 steps, then a cosine.

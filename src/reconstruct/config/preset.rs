@@ -18,12 +18,12 @@ pub enum Preset {
     /// The terms, weights and field of the paper, with codes and patches that begin spread out (`benches/paper.md`);
     /// what it leaves open keeps a run at minutes.
     Paper,
-    /// A quick look.
+    /// A quick look: half the steps of `default`.
     Fast,
-    /// For a few hundred points in about 80 processor seconds; departs from the paper where that measured better
+    /// For a few hundred points in about 12 processor seconds; departs from the paper where that measured better
     /// (README).
     Default,
-    /// A finer grid for longer, and more samples on it.
+    /// A wider field, finer grids and more steps, in about 80 processor seconds.
     Fine,
 }
 
@@ -125,15 +125,7 @@ fn start() -> Config {
 }
 
 fn fast() -> Config {
-    Config {
-        field: FieldConfig { width: 64, ..default().field },
-        bsp_pretrain: 30,
-        bsp_every: 6,
-        start: Start { steps: 200, ..default().start },
-        stages: vec![Stage { resolution: 32, steps: 90 }],
-        surface_samples: 4000,
-        ..default()
-    }
+    Config { stages: vec![Stage { resolution: 32, steps: 90 }], ..default() }
 }
 
 fn default() -> Config {
@@ -142,7 +134,7 @@ fn default() -> Config {
         scale_with_points: true,
         denoise: true,
         field: FieldConfig {
-            width: 128,
+            width: 64,
             depth: 4,
             octaves: 3,
             frequency: 2.0,
@@ -164,14 +156,14 @@ fn default() -> Config {
             slack: 0.0,
             normal_weight: 1.5,
         },
-        bsp_pretrain: 100,
+        bsp_pretrain: 30,
         bsp_pretrain_on_shape: true,
-        bsp_every: 2,
+        bsp_every: 6,
         start: Start {
             shape: StartShape::Plate,
             dipole_radius: 0.0,
             regularity: 0.05,
-            steps: 400,
+            steps: 200,
             rate: 2e-3,
         },
         target: Target::SurfaceAndCloud,
@@ -179,7 +171,7 @@ fn default() -> Config {
         weights: Weights {
             para: 10.0,
             deform: 0.5,
-            deform_decay: 0.04,
+            deform_decay: 1.0,
             eikonal: 0.001,
             laplacian: 0.01,
             on_points: 0.02,
@@ -187,11 +179,11 @@ fn default() -> Config {
             bridge: 0.01,
             ..Weights::NONE
         },
-        stages: vec![Stage { resolution: 32, steps: 200 }, Stage { resolution: 48, steps: 200 }],
+        stages: vec![Stage { resolution: 32, steps: 180 }],
         reference_area: USUAL_AREA,
         band: Band { refresh: 4, rings: 0 },
         batch: Batch { thin: 0.25, points: 4096, centres: 1024 },
-        surface_samples: 8000,
+        surface_samples: 4000,
         field_rate: Schedule { base: 5e-4, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
         bsp_rate: Schedule { base: 1e-3, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
         clip: 0.0,
@@ -202,8 +194,12 @@ fn default() -> Config {
 
 fn fine() -> Config {
     Config {
-        stages: [32, 48, 64].map(|resolution| Stage { resolution, steps: 200 }).to_vec(),
-        surface_samples: 16_000,
+        field: FieldConfig { width: 128, ..default().field },
+        bsp_pretrain: 100,
+        bsp_every: 2,
+        start: Start { steps: 400, ..default().start },
+        stages: [32, 48].map(|resolution| Stage { resolution, steps: 200 }).to_vec(),
+        surface_samples: 8000,
         ..default()
     }
 }

@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn the_street_gets_what_the_table_says() {
-        let config = Config::preset(Preset::Default).for_points(14_623);
+        let config = Config::preset(Preset::Fine).for_points(14_623);
         let stages = [Stage { resolution: 84, steps: 327 }, Stage { resolution: 128, steps: 327 }];
         assert_eq!(config.stages, stages);
         assert_eq!((config.field.width, config.field.octaves, config.start.steps), (128, 4, 654));

@@ -28,6 +28,10 @@ fn small(preset: Preset) -> Config {
     config.stages =
         vec![Stage { resolution: 8, steps: STEPS / 2 }, Stage { resolution: 12, steps: STEPS / 2 }];
     config.surface_samples = config.surface_samples.min(200);
+    if preset == Preset::Default {
+        // So that a decay that is ignored shows, and S changes often.
+        (config.weights.deform_decay, config.bsp_every) = (0.04, 2);
+    }
     // More points than a step sees, in two blocks.
     config.batch = Batch { thin: 0.0, points: 32, centres: 20 };
     // Full rates from the start, so that little rounding decides on much.
