@@ -4,11 +4,11 @@
 //! Here every layer is a few matrix products with one pass over the block between them, so that what a layer works
 //! on stays in the processor's cache and nothing is allocated once the buffers have grown.
 //!
-//! With x_0 the encoding, z_l = x_l W_l + b_l and x_(l+1) = act(z_l), the forward pass keeps the slopes
-//! s_l = act'(z_l) and sweeps once from the last layer down: r_l = (s_l * r_(l+1)) W_l^T, where r_depth is the last
-//! weight column; r_0, taken through the encoding, is grad g. The backward pass runs through that sweep from the encoding
-//! up, which leaves what reaches z_l through its slope, and then through the layers from the last one down. That makes
-//! six products a layer.
+//! With x_0 the encoding, z_l = x_l W_l + b_l and x_(l+1) = act(z_l), the forward pass keeps the slopes s_l = act'(z_l)
+//! and sweeps once from the last layer down: r_l = (s_l * r_(l+1)) W_l^T, where r_depth is the last weight column; r_0,
+//! taken through the encoding, is grad g. The backward pass runs through that sweep from the encoding up, which leaves
+//! what reaches z_l through its slope, and then through the layers from the last one down. That makes six products a
+//! layer.
 
 #[cfg(test)]
 mod tests;
