@@ -26,6 +26,8 @@ pub(in crate::reconstruct) fn tiny() -> Config {
     config.bsp.patch = 4;
     config.bsp.reach = 5;
     config.bsp_pretrain = 5;
+    // S changes in every second of the few steps, and the weight of L_deform falls.
+    (config.bsp_every, config.weights.deform_decay) = (2, 0.04);
     // One width, so that the states these tests look at do not change with the choice among several.
     (config.start.dipole_radius, config.start.regularity) = (0.5, 0.05);
     config.start.steps = 30;
