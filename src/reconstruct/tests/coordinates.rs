@@ -59,8 +59,10 @@ fn distances_far_away_are_finite_grow_and_are_about_right() {
                 assert!((s / (r - 3.0) - 1.0).abs() < off, "{s} at {r}");
                 before = s;
                 let g = result.gradient(&[x])[0];
-                let cos: f64 = (0..3).map(|a| g[a] * ray[a]).sum();
-                assert!(cos > 0.9 && cos < 1.2, "{g:?} at {r}");
+                let slope: f64 = (0..3).map(|a| g[a] * ray[a]).sum();
+                // As far as the network has a say, up to 1.5 in the working frame, its slope is that of a short run.
+                let least = if r < 9.0 { 0.8 } else { 0.95 };
+                assert!(slope > least && slope < 1.2, "{g:?} at {r}");
             }
             // The same in 32 bits, as far as these reach.
             let x = [1e30f32 * ray[0] as f32, 1e30 * ray[1] as f32, 1e30 * ray[2] as f32];

@@ -74,7 +74,7 @@ fn the_fine_preset_takes_its_steps() {
     })
     .unwrap()
     .finish();
-    assert_eq!(steps, [32, 32, 48, 48, 64, 64]);
+    assert_eq!(steps, [32, 32, 48, 48]);
     assert!(result.mesh(20).unwrap().topology().closed);
 }
 
