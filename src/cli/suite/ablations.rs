@@ -200,8 +200,10 @@ mod tests {
 
     #[test]
     fn a_frozen_parameterization_was_trained_as_long_as_a_live_one() {
-        // 100 steps before and every second of 400.
+        // 30 steps before and every sixth of 120; 100 and every second of 400.
         let frozen = applied("without_deform", Preset::Default);
+        assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (50, 0));
+        let frozen = applied("without_deform", Preset::Fine);
         assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (300, 0));
         let frozen = applied("without_deform", Preset::Paper);
         assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (300, 0));
