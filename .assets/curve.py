@@ -15,12 +15,17 @@ with open(here / "curve.csv", newline="") as file:
     rows = [r for r in csv.DictReader(file)]
 
 figure, axes = plt.subplots(figsize=(7, 4), dpi=110)
-styles = {"before": ("o--", "0.6"), "now": ("o-", "tab:blue"), "peer": ("s", "tab:orange")}
+styles = {"before": ("o--", "0.75"), "falling": ("o--", "0.45"), "now": ("o-", "tab:blue"), "peer": ("s", "tab:orange")}
 for build, (style, colour) in styles.items():
     points = sorted(
         (float(r["seconds"]), float(r["cd"]), r["setting"]) for r in rows if r["build"] == build
     )
-    label = {"before": "before the first shape of least bending", "now": "now", "peer": "peers"}[build]
+    label = {
+        "before": "before the first shape of least bending",
+        "falling": "before the finish",
+        "now": "now",
+        "peer": "peers",
+    }[build]
     axes.plot([p[0] for p in points], [p[1] for p in points], style, color=colour, label=label)
     for seconds, cd, name in points:
         axes.annotate(name, (seconds, cd), xytext=(5, 6 if build != "now" else -12), textcoords="offset points", fontsize=8, color=colour)
