@@ -11,12 +11,12 @@ use super::failure::Failure;
 /// Threads that may be asked for, a processor; so many more only take memory.
 const THREADS: usize = 4;
 /// The same at least, so that small machines can try what large ones do.
-const LEAST_THREADS: usize = 16;
+const MIN_THREADS: usize = 16;
 
 /// Refuses more threads than make sense.
 pub fn check_threads(threads: usize) -> Result<(), Failure> {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    let most = (THREADS * processors).max(LEAST_THREADS);
+    let most = (THREADS * processors).max(MIN_THREADS);
     if threads <= most {
         return Ok(());
     }
@@ -99,7 +99,7 @@ mod tests {
 
     #[test]
     fn threads_are_bounded() {
-        assert!(check_threads(LEAST_THREADS).is_ok());
+        assert!(check_threads(MIN_THREADS).is_ok());
         assert!(check_threads(100_000).unwrap_err().line().unwrap().contains("at most"));
         assert_eq!(total_of("MemFree: 1 kB\nMemTotal:       2 kB\n"), Some(2048.0));
     }

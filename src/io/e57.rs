@@ -27,7 +27,7 @@ pub(super) fn read(_: &[u8], _: Want) -> Result<Loaded, Error> {
 
 /// Packets in a row that complete no point.
 #[cfg(feature = "formats")]
-const MOST_EMPTY: usize = 1000;
+const MAX_EMPTY: usize = 1000;
 
 #[cfg(feature = "formats")]
 fn damaged(cause: impl std::fmt::Display) -> Error {
@@ -63,7 +63,7 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             let point = match points.next() {
                 Some(Ok(point)) => point,
                 // A packet that completes no point, such as an index, is an error of the crate; the next one may.
-                Some(Err(e57::Error::Internal { .. })) if empty < MOST_EMPTY => {
+                Some(Err(e57::Error::Internal { .. })) if empty < MAX_EMPTY => {
                     empty += 1;
                     continue;
                 }

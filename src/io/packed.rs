@@ -4,7 +4,7 @@ use crate::{Error, ErrorKind};
 
 /// No file of points unpacks to more; a damaged or wicked one would fill the memory.
 #[cfg(feature = "formats")]
-const MOST: u64 = 4 << 30;
+const MAX_UNPACKED: u64 = 4 << 30;
 
 /// Whether the bytes begin like a gzip file.
 pub(super) fn looks_like_gzip(bytes: &[u8]) -> bool {
@@ -14,13 +14,13 @@ pub(super) fn looks_like_gzip(bytes: &[u8]) -> bool {
 /// Unpacks a gzip file of one or more members.
 #[cfg(feature = "formats")]
 pub(super) fn gunzip(bytes: &[u8]) -> Result<Vec<u8>, Error> {
-    read_all(flate2::read::MultiGzDecoder::new(bytes), MOST, "gzip")
+    read_all(flate2::read::MultiGzDecoder::new(bytes), MAX_UNPACKED, "gzip")
 }
 
 /// Unpacks deflated bytes that promise to become `size`.
 #[cfg(feature = "formats")]
 pub(super) fn inflate(bytes: &[u8], size: u64) -> Result<Vec<u8>, Error> {
-    let out = read_all(flate2::read::DeflateDecoder::new(bytes), size.min(MOST), "zip")?;
+    let out = read_all(flate2::read::DeflateDecoder::new(bytes), size.min(MAX_UNPACKED), "zip")?;
     if out.len() as u64 == size {
         return Ok(out);
     }

@@ -23,9 +23,9 @@ const MORE: usize = 12;
 /// A point that reaches so much farther than usual is a stray wherever it lies.
 const LOST: f64 = 10.0;
 /// A cloud with more strays is no surface with strays.
-const MOST: f64 = 0.1;
+const MAX_SHARE: f64 = 0.1;
 /// Fewer points say nothing about each other.
-const LEAST: usize = 20;
+const MIN_POINTS: usize = 20;
 /// Searches, each without the strays of those before: one far away hides nearer ones.
 const ROUNDS: usize = 8;
 
@@ -58,7 +58,7 @@ pub fn find_outliers<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<u32
     let n = points.len();
     let mut kept: Vec<u32> = (0..n as u32).collect();
     for _ in 0..ROUNDS {
-        if kept.len() < LEAST {
+        if kept.len() < MIN_POINTS {
             break;
         }
         let rest: Vec<P> = kept.iter().map(|&i| points[i as usize]).collect();
@@ -69,7 +69,7 @@ pub fn find_outliers<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<u32
         let mut stray = stray.into_iter();
         kept.retain(|_| !stray.next().unwrap_or(false));
     }
-    if n - kept.len() > (MOST * n as f64) as usize {
+    if n - kept.len() > (MAX_SHARE * n as f64) as usize {
         return Vec::new();
     }
     let mut kept = kept.into_iter().peekable();

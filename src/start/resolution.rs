@@ -8,7 +8,7 @@ const FACTORS: (f64, f64) = (0.5, 4.0);
 /// The resolution that this does not take a grid beyond: steps would become many times dearer.
 const FINEST: f64 = 192.0;
 /// The least that a [`TetGrid`](crate::geometry::TetGrid) of the working frame can have.
-const LEAST: usize = 3;
+const MIN_CUBES: usize = 3;
 
 /// Cubes along each side of a grid at which a surface of the given area crosses about as many as one of the `usual`
 /// area does at `resolution`. They differ from `resolution` by a multiple of 4 and are half to 4 times as many a side,
@@ -25,7 +25,7 @@ pub fn resolution_for_area(resolution: usize, area: f64, usual: f64) -> usize {
     let limit = (FINEST / resolution as f64).max(1.0);
     let factor = (usual / area).sqrt().clamp(least, most).min(limit);
     let change = (resolution as f64 * (factor - 1.0) / 4.0).round() as isize * 4;
-    resolution.saturating_add_signed(change).max(LEAST)
+    resolution.saturating_add_signed(change).max(MIN_CUBES)
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use crate::geometry::{KdTree, Normalizer, Position};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 /// Fewer points say nothing about each other.
-const LEAST: usize = 20;
+const MIN_POINTS: usize = 20;
 /// Neighbours that the usual distance of neighbours is the mean of.
 const REACHED: usize = 4;
 
@@ -37,7 +37,7 @@ impl Sampling {
     pub fn of<P: Position>(points: &[P]) -> Sampling {
         let n = points.len();
         let Ok(frame) = Normalizer::of(points) else { return Sampling::default() };
-        if n < LEAST {
+        if n < MIN_POINTS {
             return Sampling::default();
         }
         let unit = frame.forward(points);

@@ -7,7 +7,7 @@ use crate::{Error, ErrorKind};
 mod laz;
 
 /// Least bytes of a record, by its format.
-const LEAST: [u64; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+const MIN_RECORD: [u64; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
 /// Whether the bytes begin like a LAS file.
 pub(super) fn looks_like_las(bytes: &[u8]) -> bool {
@@ -69,7 +69,7 @@ impl Header {
         let (format, record) = (field(104, 1)?, field(105, 2)?);
         // The two highest bits say that points are packed.
         let (packed, format) = (format & 0xc0 != 0, format & 0x3f);
-        let least = LEAST.get(format as usize).copied();
+        let least = MIN_RECORD.get(format as usize).copied();
         let Some(least) = least else { return Err(wrong(format!("point format {format} is not known"))) };
         if record < least {
             return Err(wrong(format!("points of format {format} have {least} bytes or more, not {record}")));
