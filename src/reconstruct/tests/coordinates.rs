@@ -60,8 +60,9 @@ fn distances_far_away_are_finite_grow_and_are_about_right() {
                 before = s;
                 let g = result.gradient(&[x])[0];
                 let slope: f64 = (0..3).map(|a| g[a] * ray[a]).sum();
-                // As far as the network has a say, up to 1.5 in the working frame, its slope is that of a short run.
-                let least = if r < 9.0 { 0.8 } else { 0.95 };
+                // As far as the network has a say, up to 1.5 in the working frame, the slope is that of a short run,
+                // and less by what the way from its value to the distance to the points takes.
+                let least = if r < 9.0 { 0.6 } else { 0.95 };
                 assert!(slope > least && slope < 1.2, "{g:?} at {r}");
             }
             // The same in 32 bits, as far as these reach.
