@@ -54,15 +54,15 @@ fn distances_far_away_are_finite_grow_and_are_about_right() {
                 let x = [10.0 + r * ray[0], -4.0 + r * ray[1], r * ray[2]];
                 let s = result.sdf(&[x])[0];
                 assert!(s > before, "{s} at {r} after {before}");
-                // A network of a few steps knows the distance roughly; the points know it.
-                let off = if r < 9.0 { 0.15 } else { 0.02 };
+                // Up to 1.05 in the working frame, 6.3 here, only the network speaks, and up to 1.5 it has a say. It was
+                // trained near the surface, for a few steps, and knows the distance out there roughly; the points
+                // know it.
+                let off = if r < 9.0 { 0.25 } else { 0.02 };
                 assert!((s / (r - 3.0) - 1.0).abs() < off, "{s} at {r}");
                 before = s;
                 let g = result.gradient(&[x])[0];
                 let slope: f64 = (0..3).map(|a| g[a] * ray[a]).sum();
-                // As far as the network has a say, up to 1.5 in the working frame, the slope is that of a short run,
-                // and less by what the way from its value to the distance to the points takes.
-                let least = if r < 9.0 { 0.6 } else { 0.95 };
+                let least = if r < 9.0 { 0.5 } else { 0.95 };
                 assert!(slope > least && slope < 1.2, "{g:?} at {r}");
             }
             // The same in 32 bits, as far as these reach.
