@@ -54,9 +54,9 @@ fn distances_far_away_are_finite_grow_and_are_about_right() {
                 let x = [10.0 + r * ray[0], -4.0 + r * ray[1], r * ray[2]];
                 let s = result.sdf(&[x])[0];
                 assert!(s > before, "{s} at {r} after {before}");
-                // Up to 1.05 in the working frame, 6.3 here, only the network speaks, and up to 1.5 it has a say. It was
-                // trained near the surface, for a few steps, and knows the distance out there roughly; the points
-                // know it.
+                // Up to 1.05 in the working frame, 6.3 here, only the network speaks, and up to 1.5 it has a say. It
+                // was trained near the surface, for a few steps, and knows the distance out there roughly; the
+                // points know it.
                 let off = if r < 9.0 { 0.25 } else { 0.02 };
                 assert!((s / (r - 3.0) - 1.0).abs() < off, "{s} at {r}");
                 before = s;
