@@ -62,8 +62,9 @@ fn distances_far_away_are_finite_grow_and_are_about_right() {
                 before = s;
                 let g = result.gradient(&[x])[0];
                 let slope: f64 = (0..3).map(|a| g[a] * ray[a]).sum();
-                let least = if r < 9.0 { 0.5 } else { 0.95 };
-                assert!(slope > least && slope < 1.2, "{g:?} at {r}");
+                // On the way from the one to the other the value makes up for what the network was off by.
+                let (least, most) = if r < 9.0 { (0.5, 1.6) } else { (0.95, 1.05) };
+                assert!(slope > least && slope < most, "{g:?} at {r}");
             }
             // The same in 32 bits, as far as these reach.
             let x = [1e30f32 * ray[0] as f32, 1e30 * ray[1] as f32, 1e30 * ray[2] as f32];
