@@ -19,10 +19,10 @@ pub(super) fn radius(x: &[f64; 3]) -> f64 {
     most * x.iter().map(|v| (v / most).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The share of the distance to the points in the value at a radius: 0 near the cloud, 1 far away; NaN stays near.
+/// The share of the distance to the points in the value at a radius: 0 near the cloud, 1 far away, NaN for NaN.
 pub(super) fn share(radius: f64) -> f64 {
     let t = ((radius - BETWEEN[0]) / (BETWEEN[1] - BETWEEN[0])).clamp(0.0, 1.0);
-    if t.is_nan() { 0.0 } else { t * t * (3.0 - 2.0 * t) }
+    t * t * (3.0 - 2.0 * t)
 }
 
 /// The distance of `x` to the nearest of `points` (n x 3, working frame, within a radius of 1) and its gradient.
@@ -68,7 +68,7 @@ mod tests {
             }
         }
         assert_eq!(radius(&[1e200, 0.0, 1e200]), 2f64.sqrt() * 1e200);
-        assert!(radius(&[f64::NAN, 1.0, 0.0]).is_nan() && share(f64::NAN) == 0.0);
+        assert!(radius(&[f64::NAN, 1.0, 0.0]).is_nan() && share(f64::NAN).is_nan());
         assert_eq!(radius(&[f64::INFINITY, 1.0, 0.0]), f64::INFINITY);
         assert_eq!((share(1.04), share(f64::INFINITY)), (0.0, 1.0));
     }

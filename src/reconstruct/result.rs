@@ -122,7 +122,7 @@ impl Reconstruction {
     ///
     /// Accurate near the surface. Away from the cloud, from its longest side around its middle on, it gives way to the
     /// distance to the nearest point, which is finite for every finite place and grows along every ray from the middle.
-    /// NaN at a place that is NaN.
+    /// NaN at a place that is NaN, as is the gradient there.
     pub fn sdf<P: Position>(&self, points: &[P]) -> Vec<P::Scalar> {
         let scale = self.normalizer.scale();
         let places: Vec<[f64; 3]> = points.iter().map(|&p| self.normalizer.forward_wide(p)).collect();
@@ -135,7 +135,8 @@ impl Reconstruction {
         let near = |&i: &usize| shares[i] < 1.0;
         let rows: Vec<usize> = (0..places.len()).filter(near).collect();
         let inside: Vec<[f32; 3]> = rows.iter().map(|&i| places[i].map(|x| x as f32)).collect();
-        let mut values = vec![0.0; places.len()];
+        // A place that is not a number is neither near nor far.
+        let mut values = vec![f64::NAN; places.len()];
         for (&i, value) in rows.iter().zip(self.working_sdf(&inside)) {
             values[i] = f64::from(value);
         }
@@ -160,7 +161,7 @@ impl Reconstruction {
         // Distance and place are scaled alike, so the slope is that of the working frame.
         let places: Vec<[f64; 3]> = points.iter().map(|&p| self.normalizer.forward_wide(p)).collect();
         let shares: Vec<f64> = places.iter().map(|x| share(radius(x))).collect();
-        let mut gradients = vec![[0.0; 3]; places.len()];
+        let mut gradients = vec![[f64::NAN; 3]; places.len()];
         let exact = |share: f64| share == 0.0 && self.finish.is_none();
         let rows = |wanted: &dyn Fn(f64) -> bool| -> Vec<usize> {
             (0..places.len()).filter(|&i| wanted(shares[i])).collect()

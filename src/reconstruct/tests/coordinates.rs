@@ -73,6 +73,7 @@ fn distances_far_away_are_finite_grow_and_are_about_right() {
         let s = result.sdf(&[[f64::INFINITY, 0.0, 0.0], [1e300, 0.0, -1e300], [f64::NAN, 0.0, 0.0]]);
         assert!(s[0] == f64::INFINITY && (s[1] / 2f64.sqrt() / 1e300 - 1.0).abs() < 1e-6);
         assert!(s[2].is_nan());
+        assert!(result.gradient(&[[f64::NAN, 0.0, 0.0]])[0].iter().all(|x| x.is_nan()));
     }
 }
 
