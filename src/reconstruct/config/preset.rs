@@ -13,7 +13,8 @@ use std::str::FromStr;
 /// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum Preset {
-    /// The first shape that the others begin with, finished: no training, about a processor second for 300 points.
+    /// The first shape that the others begin with, finished: no training, some four processor seconds for
+    /// 300 points.
     Start,
     /// The terms, weights and field of the paper, with codes and patches that begin spread out (`benches/paper.md`);
     /// what it leaves open keeps a run at minutes.
@@ -21,7 +22,7 @@ pub enum Preset {
     /// A quick look: fewer steps than `default`, on a coarser grid.
     Fast,
     /// For a few hundred points in about 12 processor seconds; departs from the paper where that measured better
-    /// (README).
+    /// (`benches/paper.md`).
     Default,
     /// A wider field, finer grids and more steps, in about 80 processor seconds.
     Fine,
