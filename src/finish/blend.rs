@@ -9,7 +9,9 @@
 use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::dist_sq;
 use crate::geometry::{KdTree, spacing};
-use crate::start::{System, ThinPlate, covariances, directions, forecasts};
+use crate::start::{
+    Forecast, LocalPlates, MAX_CENTRES, System, ThinPlate, covariances, directions, forecasts,
+};
 use rayon::prelude::*;
 
 /// Distances to the nearest point, in spacings, between which the plate's weight falls to 0.
@@ -32,11 +34,41 @@ const INTERPOLATED: usize = 5;
 pub(super) struct PlateBlend {
     /// n x 3.
     points: Vec<[f32; 3]>,
-    plate: ThinPlate,
+    plate: Plate,
     /// The spacing of the points around each, n.
     spacing: Vec<f32>,
     /// The plate's mean squared error around each point, in squared spacings, n.
     doubt: Vec<f32>,
+}
+
+/// One plate through all points, or one of each part of more points than that can have.
+#[derive(Clone, Debug)]
+enum Plate {
+    Whole(ThinPlate),
+    Local(LocalPlates),
+}
+
+impl Plate {
+    /// The plate through points near these normals, and what the others predict of each point; `None` if there is none.
+    fn fit(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<(Self, Vec<Forecast>)> {
+        if points.len() > MAX_CENTRES {
+            let (plates, found) = LocalPlates::fit_with_forecasts(points, normals).ok()?;
+            return Some((Plate::Local(plates), found));
+        }
+        let centres: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
+        let system = System::new(&centres)?;
+        let gradients = system.least_bending(directions(normals));
+        let found = forecasts(&system, &covariances(&system), &gradients);
+        Some((Plate::Whole(system.interpolant(&centres, &gradients)), found))
+    }
+
+    /// Values at x (m x 3) near the points; `nearest` (m) are the points nearest to each.
+    fn value(&self, x: &[[f32; 3]], nearest: &[u32]) -> Vec<f32> {
+        match self {
+            Plate::Whole(plate) => plate.value(x),
+            Plate::Local(plates) => plates.value(x, nearest),
+        }
+    }
 }
 
 impl PlateBlend {
@@ -47,15 +79,10 @@ impl PlateBlend {
     /// [`ErrorKind::Data`] if no plate is determined by the points.
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Result<Self, Error> {
         let undetermined = || Error::new(ErrorKind::Data, "the points determine no surface of least bending");
-        let centres: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
-        let system = System::new(&centres).ok_or_else(undetermined)?;
-        let gradients = system.least_bending(directions(normals));
+        let (plate, found) = Plate::fit(points, normals).ok_or_else(undetermined)?;
         let spacing: Vec<f32> = spacing(points).into_iter().map(|s| s as f32).collect();
         // f over its slope is the distance to the surface, to first order.
-        let missed: Vec<f64> = forecasts(&system, &covariances(&system), &gradients)
-            .iter()
-            .map(|f| f.error / f.slope.max(MIN_SLOPE))
-            .collect();
+        let missed: Vec<f64> = found.iter().map(|f| f.error / f.slope.max(MIN_SLOPE)).collect();
         if missed.iter().any(|x| !x.is_finite()) || spacing.iter().any(|&s| s <= 0.0) {
             return Err(undetermined());
         }
@@ -64,7 +91,6 @@ impl PlateBlend {
         let near = KdTree::new(points).k_nearest(points, k);
         let doubt =
             near.chunks_exact(k).map(|row| (row.iter().map(square).sum::<f64>() / k as f64) as f32).collect();
-        let plate = system.interpolant(&centres, &gradients);
         Ok(PlateBlend { plate, points: points.to_vec(), spacing, doubt })
     }
 
@@ -81,12 +107,13 @@ impl PlateBlend {
     pub fn blend(&self, x: &[[f32; 3]], values: &mut [f32]) {
         assert!(x.len() == values.len(), "blend: {} values at {} points", values.len(), x.len());
         let k = INTERPOLATED.min(self.points.len());
-        let around = KdTree::new(&self.points).k_nearest(x, k);
+        let nearest = KdTree::new(&self.points).k_nearest(x, k);
         let at = |(x, near): (&[f32; 3], &[u32])| self.around(x, near);
-        let around: Vec<LocalTrust> = x.par_iter().zip(around.par_chunks_exact(k)).map(at).collect();
+        let around: Vec<LocalTrust> = x.par_iter().zip(nearest.par_chunks_exact(k)).map(at).collect();
         let rows: Vec<usize> = (0..x.len()).filter(|&i| around[i].weight > 0.0).collect();
         let near: Vec<[f32; 3]> = rows.iter().map(|&i| x[i]).collect();
-        for (&i, plate) in rows.iter().zip(self.plate.value(&near)) {
+        let nearest: Vec<u32> = rows.iter().map(|&i| nearest[k * i]).collect();
+        for (&i, plate) in rows.iter().zip(self.plate.value(&near, &nearest)) {
             let LocalTrust { spacing, weight } = around[i];
             let weight = weight * falling((plate - values[i]).abs() / spacing, AGREE);
             values[i] += weight * (plate - values[i]);

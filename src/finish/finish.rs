@@ -8,12 +8,14 @@
 use super::blend::PlateBlend;
 use super::residual::Residual;
 use crate::error::{Error, ErrorKind};
-use crate::start::MAX_CENTRES;
 use std::ops::RangeInclusive;
 
 /// The sizes of clouds that fields are finished for: fewer points predict nothing, more take too much memory (some
 /// 130 pairs within the reach of a point of an even surface, 8 bytes each).
 pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
+
+/// Points up to which the surface of least bending is blended in: it takes some milliseconds a point.
+const MAX_PLATE_POINTS: usize = 1 << 18;
 
 /// Places beyond this, working frame, are no places of a neighbour search.
 const FAR: f32 = 1e6;
@@ -27,7 +29,7 @@ pub struct Finish {
     #[cfg(feature = "checkpoint")]
     points: Vec<[f32; 3]>,
     residual: Residual,
-    /// For clouds of at most 500 points, and none if these determine no plate.
+    /// For clouds of at most 262,144 points, and none if these determine no plate.
     plate: Option<PlateBlend>,
 }
 
@@ -55,7 +57,7 @@ impl Finish {
         let normals = directions(gradients);
         Ok(Finish {
             residual: Residual::fit(points, &normals, values)?,
-            plate: (n <= MAX_CENTRES).then(|| PlateBlend::fit(points, &normals).ok()).flatten(),
+            plate: (n <= MAX_PLATE_POINTS).then(|| PlateBlend::fit(points, &normals).ok()).flatten(),
             #[cfg(feature = "checkpoint")]
             points: points.to_vec(),
         })

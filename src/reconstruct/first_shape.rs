@@ -13,8 +13,11 @@ use std::sync::Arc;
 /// Radii of dipoles that are tried where `start.dipole_radius` is 0, in local point spacings.
 const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
-/// Points up to which the surface of least bending is looked for. It has 500 centres; the Gauss formula has more.
-const MAX_PLATE_POINTS: usize = 1024;
+/// Points up to which all of them are tried.
+const MAX_RADII_POINTS: usize = 1024;
+
+/// Points up to which the surface of least bending is looked for: it takes a millisecond a point.
+const MAX_PLATE_POINTS: usize = 1 << 18;
 
 /// The shape that a run begins with.
 pub(super) struct FirstShape {
@@ -42,7 +45,7 @@ impl FirstShape {
         }
         let radii = match start.dipole_radius {
             // For large clouds no gain was measured that would be worth the time.
-            0.0 if given.len() > MAX_PLATE_POINTS => &DIPOLE_RADII[1..2],
+            0.0 if given.len() > MAX_RADII_POINTS => &DIPOLE_RADII[1..2],
             0.0 => &DIPOLE_RADII[..],
             _ => std::slice::from_ref(&start.dipole_radius),
         };
@@ -55,7 +58,7 @@ impl FirstShape {
         };
         let cloud = denoised.as_ref().map_or(given, |denoised| &denoised.points);
         let plates = match start.shape {
-            StartShape::Plate if cloud.len() <= MAX_PLATE_POINTS => plate_shapes(cloud, &rough, seed).ok(),
+            StartShape::Plate if cloud.len() <= MAX_PLATE_POINTS => plate_shapes(cloud, &rough).ok(),
             _ => None,
         };
         let mesh = match plates {

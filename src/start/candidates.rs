@@ -1,6 +1,6 @@
 //! Candidates for the first shape: closed surfaces found among the points, and which of them fits the points best.
 
-use super::{GaussField, ThinPlate, USUAL_AREA, resolution_for_area};
+use super::{GaussField, LocalPlates, MAX_CENTRES, ThinPlate, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{
     NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points, sample_surface, spacing,
@@ -153,6 +153,42 @@ const TRUST: (f32, f32) = (0.7, 1.2);
 /// Cubes along each side of the grid that the thin plate's surface is taken from, if the rough one is not small:
 /// blades and legs come out in shreds on a grid that does not depend on the area.
 const PLATE_RESOLUTION: usize = 64;
+/// What this grows to with the number of points.
+const MAX_PLATE_RESOLUTION: usize = 400;
+
+/// The surface of least bending through points: one plate, or for more points than that can have, one of each part.
+enum Plate {
+    Whole(ThinPlate),
+    Local(LocalPlates),
+}
+
+impl Plate {
+    /// One for each guess of the normals (n x 3) at `points` (n x 3).
+    fn fit_each(points: &[[f32; 3]], guesses: &[Vec<[f32; 3]>]) -> Result<Vec<Self>, Error> {
+        Ok(if points.len() <= MAX_CENTRES {
+            ThinPlate::fit_each(points, guesses)?.into_iter().map(Plate::Whole).collect()
+        } else {
+            LocalPlates::fit_each(points, guesses)?.into_iter().map(Plate::Local).collect()
+        })
+    }
+
+    /// Values at x (m x 3) near the points; `nearest` (m) are the points nearest to each.
+    fn value(&self, x: &[[f32; 3]], nearest: &[u32]) -> Vec<f32> {
+        match self {
+            Plate::Whole(plate) => plate.value(x),
+            Plate::Local(plates) => plates.value(x, nearest),
+        }
+    }
+}
+
+/// Cubes along each side of the grid for the plate of n points whose rough surface has the given area: 64, or so many
+/// more as the area is small ([`resolution_for_area`]) and as more than 1,200 points lie closer together.
+fn plate_resolution(area: f64, n: usize) -> usize {
+    let resolution = fine_enough(PLATE_RESOLUTION, area, n);
+    let closer = (n as f64 / POINTS_SERVED).sqrt().max(1.0);
+    let most = MAX_PLATE_RESOLUTION.max(resolution);
+    ((resolution as f64 * closer) as usize).min(most)
+}
 
 /// Surfaces of least bending through `points` (n x 3, working frame), see [`ThinPlate`], where points are near; one of
 /// the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
@@ -160,7 +196,8 @@ const PLATE_RESOLUTION: usize = 64;
 /// without those that cannot be extracted.
 ///
 /// They are taken from grids of 64 cubes a side, or finer ones where the rough one has little area for so
-/// many points ([`resolution_for_area`]).
+/// many points ([`resolution_for_area`]) or there are more than 1,200; up to 500 points have one plate, more
+/// [`LocalPlates`].
 ///
 /// # Errors
 /// As [`ThinPlate::fit`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:
@@ -169,20 +206,16 @@ const PLATE_RESOLUTION: usize = 64;
 /// # Panics
 /// If there is no rough surface.
 #[track_caller]
-pub fn plate_shapes(
-    points: &[[f32; 3]],
-    rough: &[TriangleMesh],
-    seed: u64,
-) -> Result<Vec<TriangleMesh>, Error> {
+pub fn plate_shapes(points: &[[f32; 3]], rough: &[TriangleMesh]) -> Result<Vec<TriangleMesh>, Error> {
     assert!(!rough.is_empty(), "plate_shapes: no rough surface");
     let trees: Vec<TriangleBvh> = rough.iter().map(TriangleBvh::new).collect::<Result<_, _>>()?;
     let guesses: Vec<Vec<[f32; 3]>> = trees.iter().map(|tree| tree.normals_near(points)).collect();
-    let plates = ThinPlate::fit_each(points, &guesses, seed)?;
+    let plates = Plate::fit_each(points, &guesses)?;
     let spacing = spacing(points);
-    let surface = |(plate, tree, rough): (&ThinPlate, &TriangleBvh, &TriangleMesh)| {
+    let surface = |(plate, tree, rough): (&Plate, &TriangleBvh, &TriangleMesh)| {
         let mut eval = |x: &[[f32; 3]]| {
-            let mut values = plate.value(x);
             let (nearest, dist_sq) = nearest_points(x, points);
+            let mut values = plate.value(x, &nearest);
             let (from, to) = TRUST;
             values.par_iter_mut().enumerate().for_each(|(i, value)| {
                 let far = dist_sq[i].sqrt() / spacing[nearest[i] as usize] as f32;
@@ -194,7 +227,7 @@ pub fn plate_shapes(
             });
             Ok(values)
         };
-        let resolution = fine_enough(PLATE_RESOLUTION, rough.topology().area, points.len());
+        let resolution = plate_resolution(rough.topology().area, points.len());
         let grid = TetGrid::working_frame(resolution)?;
         let options = NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
         Ok(extract(&grid, &mut eval, &options)?.keep_large(MIN_PART))
@@ -258,6 +291,26 @@ mod tests {
         // 300 points of most shapes keep the usual grid, those of a blade do not; nor do more points of a small shape.
         assert_eq!([at(300, 2.2), at(300, 0.56), at(1200, 2.2), at(5000, 2.2)], [PLATE_RESOLUTION; 4]);
         assert!(at(300, 0.12) > PLATE_RESOLUTION && at(1200, 0.56) > PLATE_RESOLUTION);
+        // The plate's follow the points beyond that, too.
+        let at = |n: usize, area: f64| plate_resolution(area, n);
+        assert_eq!([at(1200, 2.2), at(4800, 2.2), at(1 << 20, 2.2)], [64, 128, MAX_PLATE_RESOLUTION]);
+        assert!(at(300, 0.12) == fine_enough(PLATE_RESOLUTION, 0.12, 300));
+    }
+
+    /// More points come out better, on both sides of the limit of one plate and of the Gauss formula's sources.
+    #[test]
+    fn more_points_make_a_better_shape() {
+        let torus = Shape::Torus { major: 0.34, minor: 0.14 };
+        let off = |n: usize| {
+            let points = torus.sample(n, 3).0;
+            let rough = gauss_shapes(&points, &[0.5], 0.05, 0).unwrap();
+            let plate = plate_shapes(&points, &rough).unwrap().remove(0);
+            let samples = sample_surface(&plate, 4000, 1).unwrap().points;
+            samples.iter().map(|&x| f64::from(torus.sdf(x).abs())).sum::<f64>() / 4000.0
+        };
+        let each = [250, 500, 1000, 2000].map(off);
+        assert!(each.is_sorted_by(|a, b| *b < 0.8 * a), "{each:?}");
+        assert!(each[3] < 1e-3, "{each:?}");
     }
 
     /// 0.01 thick, half a cube of the usual grids.
@@ -266,7 +319,7 @@ mod tests {
         let blade = Shape::RoundedBox { half: [0.5, 0.05, 0.005], round: 0.002 };
         let points = blade.sample(600, 1).0;
         let rough = gauss_shapes(&points, &[0.5], 0.05, 0).unwrap();
-        let plates = plate_shapes(&points, &rough, 0).unwrap();
+        let plates = plate_shapes(&points, &rough).unwrap();
         for (mesh, limit) in [(&rough[0], 0.003), (&plates[0], 0.002)] {
             let topology = mesh.topology();
             let off = TriangleBvh::new(mesh).unwrap().nearest_all(&points);
@@ -291,7 +344,7 @@ mod tests {
         let dome: Vec<[f32; 3]> =
             fibonacci_sphere(240).into_iter().filter(|p| p[2] > 0.2).map(|p| p.map(|x| 0.45 * x)).collect();
         let rough = gauss_shapes(&dome, &[0.5, 1.0], 0.05, 0).unwrap();
-        let plates = plate_shapes(&dome, &rough, 0).unwrap();
+        let plates = plate_shapes(&dome, &rough).unwrap();
         assert_eq!(plates.len(), 2);
         for (plate, rough) in plates.iter().zip(&rough) {
             let tree = TriangleBvh::new(rough).unwrap();

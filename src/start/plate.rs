@@ -9,13 +9,12 @@
 //! formula, and ends nearby.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::farthest_point_sample;
 use crate::linalg::{LbfgsOptions, Symmetric, lbfgs};
 use crate::simd::kernel;
 use nalgebra::{DMatrix, DMatrixView, DVector, Matrix4};
 use rayon::prelude::*;
 
-/// Centres at most; larger clouds are thinned to evenly spread points, for the system of 4 n unknowns costs O(n^3).
+/// Centres at most: the system of 4 n unknowns costs O(n^3).
 pub(crate) const MAX_CENTRES: usize = 500;
 /// Added to the cubes of distances on the diagonal, so that points very close together leave the system solvable; the
 /// points may be missed a little for it (1e-5 of the longest side where 300 points are spread evenly).
@@ -39,46 +38,29 @@ impl ThinPlate {
     /// direction), in their order: the minimum of the bending that a search ends in depends on where it starts. What
     /// the guesses share is computed once.
     ///
-    /// Points beyond 500 are thinned first; `seed` chooses where thinning starts.
-    ///
     /// # Errors
     /// [`ErrorKind::Data`] if the system cannot be solved, as for points that all coincide.
     ///
     /// # Panics
-    /// If a guess does not have one normal a point.
+    /// If there are more than 500 points, for the system of 4 n unknowns costs O(n^3), or if a guess does not have one
+    /// normal a point.
     #[track_caller]
     pub fn fit_each<N: AsRef<[[f32; 3]]> + Sync>(
         points: &[[f32; 3]],
         guesses: &[N],
-        seed: u64,
     ) -> Result<Vec<Self>, Error> {
-        Self::fit_thinned(points, guesses, seed, MAX_CENTRES)
-    }
-
-    #[track_caller]
-    fn fit_thinned<N: AsRef<[[f32; 3]]> + Sync>(
-        points: &[[f32; 3]],
-        guesses: &[N],
-        seed: u64,
-        most: usize,
-    ) -> Result<Vec<Self>, Error> {
+        assert!(points.len() <= MAX_CENTRES, "ThinPlate: {} points, {MAX_CENTRES} at most", points.len());
         for normals in guesses {
             let (n, m) = (points.len(), normals.as_ref().len());
             assert!(n == m, "ThinPlate: {n} points, {m} normals");
         }
-        let chosen: Vec<u32> = match points.len() {
-            n if n > most => farthest_point_sample(points, most, seed),
-            n => (0..n as u32).collect(),
-        };
-        let points: Vec<[f64; 3]> = chosen.iter().map(|&i| points[i as usize].map(f64::from)).collect();
+        let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
         let system = System::new(&points).ok_or_else(|| {
             Error::new(ErrorKind::Data, "the points determine no surface of least bending")
                 .advise("check that the points do not all lie in one place")
         })?;
-        let function = |normals: &N| {
-            let normals: Vec<[f32; 3]> = chosen.iter().map(|&i| normals.as_ref()[i as usize]).collect();
-            system.interpolant(&points, &system.least_bending(directions(&normals)))
-        };
+        let function =
+            |normals: &N| system.interpolant(&points, &system.least_bending(directions(normals.as_ref())));
         Ok(guesses.par_iter().map(function).collect())
     }
 
@@ -87,12 +69,16 @@ impl ThinPlate {
         let mut out = vec![0.0; points.len()];
         out.par_chunks_mut(CHUNK).zip(points.par_chunks(CHUNK)).for_each(|(out, points)| {
             for (out, x) in out.iter_mut().zip(points) {
-                let x = x.map(f64::from);
-                let [c, cx, cy, cz] = self.plane;
-                *out = (sum_of_centres(&self.centres, x) + c + cx * x[0] + cy * x[1] + cz * x[2]) as f32;
+                *out = self.value_at(x.map(f64::from)) as f32;
             }
         });
         out
+    }
+
+    /// f at one point.
+    pub fn value_at(&self, x: [f64; 3]) -> f64 {
+        let [c, cx, cy, cz] = self.plane;
+        sum_of_centres(&self.centres, x) + c + cx * x[0] + cy * x[1] + cz * x[2]
     }
 }
 
@@ -289,8 +275,8 @@ mod tests {
     use crate::simd::testing::{rows, same_at_all};
     use proptest::prelude::*;
 
-    fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], seed: u64) -> Result<ThinPlate, Error> {
-        Ok(ThinPlate::fit_each(points, &[normals], seed)?.remove(0))
+    fn fit(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Result<ThinPlate, Error> {
+        Ok(ThinPlate::fit_each(points, &[normals])?.remove(0))
     }
 
     fn sphere(n: usize, radius: f32) -> Vec<[f32; 3]> {
@@ -327,7 +313,7 @@ mod tests {
     #[test]
     fn interpolates_points_and_unit_gradients() {
         let (points, normals) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(150, 3);
-        let plate = fit(&points, &normals, 0).unwrap();
+        let plate = fit(&points, &normals).unwrap();
         for (p, n) in points.iter().zip(&normals) {
             let (f, gradient) = naive(&plate, p.map(f64::from));
             let len = gradient.iter().map(|g| g * g).sum::<f64>().sqrt();
@@ -346,7 +332,7 @@ mod tests {
     #[test]
     fn even_points_are_missed_by_little() {
         let points = sphere(300, 0.5);
-        let plate = fit(&points, &sphere(300, 1.0), 0).unwrap();
+        let plate = fit(&points, &sphere(300, 1.0)).unwrap();
         let worst = plate.value(&points).into_iter().fold(0.0f32, |m, f| m.max(f.abs()));
         assert!(worst < 2e-5, "{worst}");
     }
@@ -356,10 +342,10 @@ mod tests {
         let points = sphere(60, 0.4);
         let right = sphere(60, 1.0);
         let turned: Vec<[f32; 3]> = right.iter().map(|n| n.map(|x| -x)).collect();
-        let both = ThinPlate::fit_each(&points, &[&right, &turned], 0).unwrap();
+        let both = ThinPlate::fit_each(&points, &[&right, &turned]).unwrap();
         let probes = sphere(30, 0.3);
         for (plate, normals) in both.iter().zip([&right, &turned]) {
-            assert_eq!(plate.value(&probes), fit(&points, normals, 0).unwrap().value(&probes));
+            assert_eq!(plate.value(&probes), fit(&points, normals).unwrap().value(&probes));
         }
         assert!(both[0].value(&probes)[0] < 0.0 && both[1].value(&probes)[0] > 0.0);
     }
@@ -373,7 +359,7 @@ mod tests {
             *n = [n[1], n[2], n[0]];
         }
         normals[7] = normals[7].map(|x| -x);
-        let plate = fit(&points, &normals, 0).unwrap();
+        let plate = fit(&points, &normals).unwrap();
         for radius in [0.3f32, 0.4, 0.5, 0.6] {
             for f in plate.value(&sphere(50, radius)) {
                 assert!((f - (radius - 0.45)).abs() < 0.02, "{f} at radius {radius}");
@@ -429,12 +415,8 @@ mod tests {
     }
 
     #[test]
-    fn many_points_are_thinned_and_bad_ones_are_an_error() {
-        let points = sphere(300, 0.45);
-        let plate = ThinPlate::fit_thinned(&points, &[sphere(300, 1.0)], 0, 80).unwrap().pop().unwrap();
-        assert_eq!(plate.centres[0].len(), 80);
-        assert!(plate.value(&[[0.0; 3]])[0] < 0.0);
-        let error = fit(&[[0.25; 3]; 6], &[[0.0, 0.0, 1.0]; 6], 0).unwrap_err();
+    fn points_in_one_place_are_an_error() {
+        let error = fit(&[[0.25; 3]; 6], &[[0.0, 0.0, 1.0]; 6]).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Data);
     }
 }

@@ -22,9 +22,9 @@ pub enum StartShape {
     Sphere,
     /// The surface that the parametric Gauss formula finds among the points (Lin et al. 2022), fitted by regression.
     Gauss,
-    /// The surface of least bending through the points, or through 500 evenly spread ones if there are more (after
-    /// Huang et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is kept where no point is
-    /// near. For clouds of more than 1,024 points it is that of the Gauss formula.
+    /// The surface of least bending through the points: one thin plate for up to 500, for more one of each part of the
+    /// cloud, blended (after Huang et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is
+    /// kept where no point is near. For clouds of more than 262,144 points it is that of the Gauss formula.
     Plate,
 }
 
