@@ -14,8 +14,9 @@ pub(super) struct Kind {
 
 /// A state of a run, to go on from.
 pub(super) const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 5, oldest: 4 };
-/// A result. Files of version 2 are read by all later programs. Options may come, go and change their names within a version, as
-/// far as [`options`](super::options) says what stands for those that are missing; the version grows with a change of meaning.
+/// A result. Files of version 2 are read by all later programs. Options may come, go and change their names within a
+/// version, as far as [`options`](super::options) says what stands for those that are missing; the version grows with a
+/// change of meaning.
 pub(super) const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 4, oldest: 2 };
 
 impl Kind {
