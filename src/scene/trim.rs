@@ -11,8 +11,9 @@ pub const TRIM_FACTOR: f32 = 1.0;
 const HOLE: f64 = 4.0;
 /// What is left in a piece of less area than this, as many squares of the spacing, is dropped: some ten points.
 const SCRAP: f64 = 10.0;
-/// How near to the end of an edge it is cut, at most, as a share of its length: triangles without area are none.
-const MARGIN: f32 = 1e-3;
+/// A cut stays this share of an edge's length away from both of its ends, so that no triangle loses its area. It is
+/// more than the margin of the grid's crossings, as here triangles may be thin before they are cut.
+const CUT_MARGIN: f32 = 1e-3;
 
 /// A surface that was cut.
 #[derive(Clone, Debug, PartialEq)]
@@ -121,9 +122,12 @@ fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bo
 
 /// Where the gap passes the factor on the way from a vertex that is kept to one that is not; the middle where it
 /// does not, because one of them is on its side for the sake of its neighbours.
+///
+/// Not the crossing of the grid's edges (`geometry::grid`): that one takes for granted that the ends differ in sign,
+/// and would put such a point at one of them.
 fn crossing(kept: f32, dropped: f32, factor: f32) -> f32 {
     let t = (factor - kept) / (dropped - kept);
-    if (0.0..=1.0).contains(&t) { t.clamp(MARGIN, 1.0 - MARGIN) } else { 0.5 }
+    if (0.0..=1.0).contains(&t) { t.clamp(CUT_MARGIN, 1.0 - CUT_MARGIN) } else { 0.5 }
 }
 
 #[cfg(test)]

@@ -1,8 +1,9 @@
-//! What a triangle mesh is like: counts, closedness, orientation, genus, volume, and its components.
+//! What a triangle mesh is like: counts, closedness, orientation, genus, volume.
 
 use super::TriangleMesh;
-use crate::geometry::vec3::{dot, sub, triangle_normal};
-use crate::geometry::{Bounds, Position, shortest, significant};
+use super::measure::Measure;
+use super::parts::connected;
+use crate::geometry::{Position, shortest, significant};
 use std::fmt;
 
 /// The report of [`TriangleMesh::topology`].
@@ -79,19 +80,10 @@ impl fmt::Display for Topology {
     }
 }
 
-/// One connected part of a mesh; the parts are connected through shared vertices.
-#[derive(Clone, Debug, PartialEq)]
-pub struct MeshComponent {
-    /// Indices of its faces, ascending.
-    pub faces: Vec<u32>,
-    /// Enclosed volume; negative for a cavity, meaningful for closed components.
-    pub volume: f64,
-    /// Sum of the areas of its faces.
-    pub area: f64,
-}
-
-impl TriangleMesh {
+impl<P: Position> TriangleMesh<P> {
     /// Counts and measures the mesh. Takes time linear in the faces, but for sorting the few edges of each vertex.
+    /// Volumes and areas are those of the vertices in 32 bits, about the [`offset`](Self::offset) of the mesh where 32
+    /// bits do not hold them as they are; so are the bounds where there is no offset.
     ///
     /// # Panics
     ///
@@ -99,7 +91,7 @@ impl TriangleMesh {
     #[track_caller]
     pub fn topology(&self) -> Topology {
         self.check_faces("topology");
-        let usage = EdgeUsage::of(self);
+        let usage = EdgeUsage::of(self.verts.len(), &self.faces);
         let roots = self.roots();
         let mut used = vec![false; self.verts.len()];
         for &v in self.faces.iter().flatten() {
@@ -110,10 +102,10 @@ impl TriangleMesh {
         let euler = used_verts as i64 - usage.edges as i64 + self.faces.len() as i64;
         let closed = !self.faces.is_empty() && usage.boundary.is_empty() && usage.nonmanifold == 0;
         let handles_twice = 2 * components as i64 - euler;
-        let centre = self.centre();
+        let measure = Measure::of(self);
         let (mut volume, mut area, mut degenerate_faces) = (0.0, 0.0, 0);
         for &face in &self.faces {
-            let part = self.measure(face, centre);
+            let part = measure.volume_and_area(face);
             volume += part.0;
             area += part.1;
             let [a, b, c] = face;
@@ -134,215 +126,10 @@ impl TriangleMesh {
             oriented: usage.oriented,
             volume,
             area,
-            bounds: self.extent().map(|corners| corners.map(|c| c.map(f64::from))),
+            bounds: measure.bounds(self),
             degenerate_faces,
         }
     }
-
-    /// Unit normals at the vertices, v x 3: the mean of the face normals around each, weighted by area.
-    ///
-    /// They point outwards where faces run counter-clockwise seen from outside. A vertex without faces, or whose
-    /// faces cancel, has the zero vector.
-    ///
-    /// # Panics
-    ///
-    /// If a face names a vertex that is not there.
-    #[track_caller]
-    pub fn vertex_normals(&self) -> Vec<[f32; 3]> {
-        self.check_faces("vertex_normals");
-        let mut sums = vec![[0.0f64; 3]; self.verts.len()];
-        for &face in &self.faces {
-            let normal = triangle_normal(self.corners(face));
-            for v in face {
-                (0..3).for_each(|i| sums[v as usize][i] += normal[i]);
-            }
-        }
-        let unit = |n: [f64; 3]| {
-            let len = dot(n, n).sqrt();
-            if len == 0.0 { [0.0; 3] } else { n.map(|x| (x / len) as f32) }
-        };
-        sums.into_iter().map(unit).collect()
-    }
-
-    /// The connected parts, in the order of their first faces.
-    ///
-    /// # Panics
-    ///
-    /// If a face names a vertex that is not there.
-    #[track_caller]
-    pub fn split_components(&self) -> Vec<MeshComponent> {
-        self.check_faces("split_components");
-        let roots = self.roots();
-        let mut number = vec![u32::MAX; self.verts.len()];
-        let mut parts: Vec<MeshComponent> = Vec::new();
-        let centre = self.centre();
-        for (i, &face) in (0..).zip(&self.faces) {
-            let slot = &mut number[roots[face[0] as usize] as usize];
-            if *slot == u32::MAX {
-                *slot = parts.len() as u32;
-                parts.push(MeshComponent { faces: Vec::new(), volume: 0.0, area: 0.0 });
-            }
-            let part = &mut parts[*slot as usize];
-            let (volume, area) = self.measure(face, centre);
-            part.faces.push(i);
-            part.volume += volume;
-            part.area += area;
-        }
-        parts
-    }
-
-    /// The components with at least `share` of the largest one's area, in the same order of faces and vertices.
-    ///
-    /// # Panics
-    ///
-    /// If a face names a vertex that is not there.
-    #[track_caller]
-    pub fn keep_large(&self, share: f64) -> TriangleMesh {
-        let parts = self.split_components();
-        let largest = parts.iter().map(|p| p.area).fold(0.0, f64::max);
-        let kept = parts.into_iter().filter(|p| p.area >= share * largest);
-        let mut faces: Vec<u32> = kept.flat_map(|p| p.faces).collect();
-        faces.sort_unstable();
-        self.select_faces(&faces)
-    }
-
-    /// The mesh of the given faces and the vertices they use, both in the given and in the old order respectively.
-    ///
-    /// # Panics
-    ///
-    /// If there is no such face, or a face names a vertex that is not there.
-    #[track_caller]
-    pub fn select_faces(&self, faces: &[u32]) -> TriangleMesh {
-        for &i in faces {
-            assert!((i as usize) < self.faces.len(), "select_faces: face {i} of {}", self.faces.len());
-        }
-        let faces = faces.iter().map(|&i| self.faces[i as usize]).collect();
-        let mut part = TriangleMesh { verts: self.verts.clone(), faces };
-        part.remove_unused_verts();
-        part
-    }
-
-    /// For each vertex the first vertex of its component.
-    fn roots(&self) -> Vec<u32> {
-        let edges = self.faces.iter().flat_map(|&[a, b, c]| [[a, b], [a, c]]);
-        connected(self.verts.len(), edges)
-    }
-
-    fn extent(&self) -> Option<[[f32; 3]; 2]> {
-        let first = *self.verts.first()?;
-        let pick = |old: f32, new: f32, better: bool| {
-            if old.is_nan() || new.is_nan() {
-                f32::NAN
-            } else if better {
-                new
-            } else {
-                old
-            }
-        };
-        Some(self.verts.iter().fold([first; 2], |[lo, hi], p| {
-            [
-                std::array::from_fn(|a| pick(lo[a], p[a], p[a] < lo[a])),
-                std::array::from_fn(|a| pick(hi[a], p[a], p[a] > hi[a])),
-            ]
-        }))
-    }
-
-    /// The middle of the bounds. Volumes are measured from here, so that a mesh far from the origin loses no digits.
-    fn centre(&self) -> [f64; 3] {
-        let [lo, hi] = self.extent().unwrap_or_default();
-        std::array::from_fn(|a| 0.5 * (f64::from(lo[a]) + f64::from(hi[a])))
-    }
-
-    fn corners(&self, face: [u32; 3]) -> [[f64; 3]; 3] {
-        face.map(|v| self.verts[v as usize].map(f64::from))
-    }
-
-    /// Volume of the tetrahedron between a face and `centre`, and area of the face.
-    fn measure(&self, face: [u32; 3], centre: [f64; 3]) -> (f64, f64) {
-        let corners = self.corners(face);
-        let normal = triangle_normal(corners);
-        (dot(sub(corners[0], centre), normal) / 6.0, 0.5 * dot(normal, normal).sqrt())
-    }
-}
-
-impl TriangleMesh<[f64; 3]> {
-    /// Counts and measures the mesh, in 32 bits about its [`offset`](Self::offset); the bounds are where it is, in 32
-    /// bits where there is no offset.
-    ///
-    /// # Panics
-    ///
-    /// If a face names a vertex that is not there.
-    #[track_caller]
-    pub fn topology(&self) -> Topology {
-        let offset = self.offset();
-        let mut topology = self.about(offset).topology();
-        if offset != [0.0; 3] {
-            topology.bounds = Bounds::of(&self.verts).ok().map(|b| [b.min, b.max]);
-        }
-        topology
-    }
-}
-
-impl<P: Position> TriangleMesh<P> {
-    /// Drops the vertices that no face uses, keeps the order of the others, and returns how many were dropped.
-    ///
-    /// # Panics
-    ///
-    /// If a face names a vertex that is not there.
-    #[track_caller]
-    pub fn remove_unused_verts(&mut self) -> usize {
-        self.check_faces("remove_unused_verts");
-        let mut moved = vec![u32::MAX; self.verts.len()];
-        for &v in self.faces.iter().flatten() {
-            moved[v as usize] = 0;
-        }
-        let before = self.verts.len();
-        let mut kept = 0;
-        for (v, to) in moved.iter_mut().enumerate() {
-            if *to == 0 {
-                *to = kept as u32;
-                self.verts[kept] = self.verts[v];
-                kept += 1;
-            }
-        }
-        self.verts.truncate(kept);
-        for v in self.faces.iter_mut().flatten() {
-            *v = moved[*v as usize];
-        }
-        before - kept
-    }
-
-    #[track_caller]
-    fn check_faces(&self, what: &str) {
-        let n = self.verts.len();
-        for (i, face) in self.faces.iter().enumerate() {
-            assert!(
-                face.iter().all(|&v| (v as usize) < n),
-                "{what}: face {i} is {face:?}, but there are {n} vertices"
-            );
-        }
-    }
-}
-
-/// For each of v vertices the smallest one that is connected with it by edges (union-find with halved paths).
-pub(crate) fn connected(verts: usize, edges: impl IntoIterator<Item = [u32; 2]>) -> Vec<u32> {
-    let mut up: Vec<u32> = (0..verts as u32).collect();
-    let find = |up: &mut [u32], mut v: u32| {
-        while up[v as usize] != v {
-            up[v as usize] = up[up[v as usize] as usize];
-            v = up[v as usize];
-        }
-        v
-    };
-    for [a, b] in edges {
-        let (p, q) = (find(&mut up, a), find(&mut up, b));
-        up[p.max(q) as usize] = p.min(q);
-    }
-    // Every link leads to a smaller number, so one ascending pass flattens the trees.
-    for v in 0..up.len() {
-        up[v] = up[up[v] as usize];
-    }
-    up
 }
 
 /// Parts that the edges of a boundary make up.
@@ -368,30 +155,30 @@ struct EdgeUsage {
 
 impl EdgeUsage {
     /// Puts each use of an edge with its lower vertex, then sorts the few uses there by the other vertex.
-    fn of(mesh: &TriangleMesh) -> Self {
+    fn of(verts: usize, faces: &[[u32; 3]]) -> Self {
         let sides = || {
-            mesh.faces
+            faces
                 .iter()
                 .flat_map(|&[a, b, c]| [[a, b], [b, c], [c, a]])
                 .filter(|[a, b]| a != b)
                 .map(|[a, b]| (a.min(b) as usize, u64::from(a.max(b)) << 1 | u64::from(a > b)))
         };
-        let mut end = vec![0usize; mesh.verts.len() + 1];
+        let mut end = vec![0usize; verts + 1];
         for (lower, _) in sides() {
             end[lower + 1] += 1;
         }
-        for i in 0..mesh.verts.len() {
+        for i in 0..verts {
             end[i + 1] += end[i];
         }
         // Filling moves each start to its end, which is the next one's start.
-        let mut uses = vec![0u64; end[mesh.verts.len()]];
+        let mut uses = vec![0u64; end[verts]];
         for (lower, side) in sides() {
             uses[end[lower]] = side;
             end[lower] += 1;
         }
         let mut usage = EdgeUsage { edges: 0, boundary: Vec::new(), nonmanifold: 0, oriented: true };
         let mut start = 0;
-        for (lower, &end) in (0..).zip(&end[..mesh.verts.len()]) {
+        for (lower, &end) in (0..).zip(&end[..verts]) {
             let bucket = &mut uses[start..end];
             bucket.sort_unstable();
             for edge in bucket.chunk_by(|a, b| a >> 1 == b >> 1) {
@@ -411,36 +198,12 @@ impl EdgeUsage {
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::{level_set, tetrahedron};
     use super::*;
+    use crate::geometry::vec3::{dot, sub};
     use crate::geometry::{TetGrid, interpolate, march};
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
-
-    fn tetrahedron(at: f32) -> TriangleMesh {
-        let verts = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
-        TriangleMesh {
-            verts: verts.map(|p| p.map(|x| x + at)).to_vec(),
-            faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
-        }
-    }
-
-    fn joined(parts: &[TriangleMesh]) -> TriangleMesh {
-        let mut all = TriangleMesh::default();
-        for part in parts {
-            let first = all.verts.len() as u32;
-            all.verts.extend(&part.verts);
-            all.faces.extend(part.faces.iter().map(|f| f.map(|v| v + first)));
-        }
-        all
-    }
-
-    fn level_set(resolution: usize, field: impl Fn([f64; 3]) -> f64) -> TriangleMesh {
-        let grid = TetGrid::covering([-1.0; 3], [1.0; 3], resolution, 1).unwrap();
-        let positions: Vec<_> = (0..grid.vertex_count() as u32).map(|v| grid.position(v)).collect();
-        let values: Vec<_> = positions.iter().map(|p| field(p.map(f64::from)) as f32).collect();
-        let surface = march(&grid.tets(), |v| values[v as usize] < 0.0);
-        TriangleMesh { verts: interpolate(&positions, &values, &surface.edges), faces: surface.faces }
-    }
 
     #[test]
     fn a_tetrahedron_by_hand() {
@@ -496,26 +259,6 @@ mod tests {
         mesh.topology();
     }
 
-    #[test]
-    fn parts_are_split_measured_and_selected() {
-        let mut cavity = tetrahedron(5.0);
-        cavity.faces.iter_mut().for_each(|f| f.swap(0, 1));
-        let mut all = joined(&[tetrahedron(0.0), cavity.clone()]);
-        all.verts.insert(0, [9.0; 3]);
-        all.faces.iter_mut().flatten().for_each(|v| *v += 1);
-        all.faces.swap(1, 6);
-        let parts = all.split_components();
-        assert_eq!(parts.len(), 2);
-        assert_eq!(parts[0].faces, [0, 2, 3, 6]);
-        assert!((parts[0].volume - 1.0 / 6.0).abs() < 1e-6 && (parts[1].volume + 1.0 / 6.0).abs() < 1e-6);
-        let second = all.select_faces(&parts[1].faces);
-        assert_eq!(second.verts, cavity.verts);
-        assert_eq!(second.topology().faces, 4);
-        assert_eq!(all.remove_unused_verts(), 1);
-        assert_eq!(all.verts.len(), 8);
-        assert_eq!(all.topology().unused_verts, 0);
-    }
-
     /// Sphere, torus and two spheres: the right topology at once, volume and area with an error that falls with the
     /// square of the spacing.
     #[test]
@@ -542,16 +285,6 @@ mod tests {
             for (coarse, fine) in errors[0].into_iter().zip(errors[1]) {
                 assert!(coarse.abs() < 0.08 && fine.abs() < 0.4 * coarse.abs(), "{coarse} {fine}");
             }
-        }
-    }
-
-    #[test]
-    fn sphere_normals_point_outwards() {
-        let mesh = level_set(18, |p| dot(p, p).sqrt() - 0.8);
-        for (n, p) in mesh.vertex_normals().iter().zip(&mesh.verts) {
-            let (n, p) = (n.map(f64::from), p.map(f64::from));
-            assert!((dot(n, n) - 1.0).abs() < 1e-6);
-            assert!(dot(n, p) / dot(p, p).sqrt() > 0.97);
         }
     }
 

@@ -1,5 +1,6 @@
 //! The indexed triangle mesh.
 
+use crate::geometry::vec3::{dot, triangle_normal};
 use crate::geometry::{Bounds, Position, about, widened};
 
 /// An indexed triangle mesh; counter-clockwise winding seen from outside.
@@ -14,7 +15,12 @@ pub struct TriangleMesh<P = [f32; 3]> {
     pub faces: Vec<[u32; 3]>,
 }
 
-impl TriangleMesh<[f64; 3]> {
+impl<P: Position> TriangleMesh<P> {
+    /// The mesh with its vertices in 64 bits; exact.
+    pub fn wide(&self) -> TriangleMesh<[f64; 3]> {
+        TriangleMesh { verts: widened(&self.verts), faces: self.faces.clone() }
+    }
+
     /// What to subtract so that 32 bits hold the detail of the mesh, see [`Bounds::offset`]; 0 for one without vertices
     /// or with a coordinate that is not finite.
     pub fn offset(&self) -> [f64; 3] {
@@ -25,17 +31,48 @@ impl TriangleMesh<[f64; 3]> {
     pub fn about(&self, offset: [f64; 3]) -> TriangleMesh {
         TriangleMesh { verts: about(&self.verts, offset), faces: self.faces.clone() }
     }
-}
 
-impl<P: Position> TriangleMesh<P> {
-    /// The mesh with its vertices in 64 bits; exact.
-    pub fn wide(&self) -> TriangleMesh<[f64; 3]> {
-        TriangleMesh { verts: widened(&self.verts), faces: self.faces.clone() }
+    /// Unit normals at the vertices, v x 3: the mean of the face normals around each, weighted by area.
+    ///
+    /// They point outwards where faces run counter-clockwise seen from outside. A vertex without faces, or whose
+    /// faces cancel, has the zero vector.
+    ///
+    /// # Panics
+    ///
+    /// If a face names a vertex that is not there.
+    #[track_caller]
+    pub fn vertex_normals(&self) -> Vec<[f32; 3]> {
+        self.check_faces("vertex_normals");
+        let mut sums = vec![[0.0f64; 3]; self.verts.len()];
+        for &face in &self.faces {
+            let normal = triangle_normal(face.map(|v| self.verts[v as usize].wide()));
+            for v in face {
+                (0..3).for_each(|i| sums[v as usize][i] += normal[i]);
+            }
+        }
+        let unit = |n: [f64; 3]| {
+            let len = dot(n, n).sqrt();
+            if len == 0.0 { [0.0; 3] } else { n.map(|x| (x / len) as f32) }
+        };
+        sums.into_iter().map(unit).collect()
+    }
+
+    /// Panics if a face names a vertex that is not there, in the name of the method that `what` says.
+    #[track_caller]
+    pub(super) fn check_faces(&self, what: &str) {
+        let n = self.verts.len();
+        for (i, face) in self.faces.iter().enumerate() {
+            assert!(
+                face.iter().all(|&v| (v as usize) < n),
+                "{what}: face {i} is {face:?}, but there are {n} vertices"
+            );
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::testing::level_set;
     use super::*;
     use crate::geometry::Shape;
 
@@ -54,5 +91,15 @@ mod tests {
         assert_eq!((b.genus, b.degenerate_faces), (Some(0), 0));
         let [low, high] = b.bounds.unwrap();
         assert!((0..3).all(|k| low[k] >= at[k] - 0.5 && high[k] <= at[k] + 0.5 && high[k] - low[k] > 0.1));
+    }
+
+    #[test]
+    fn sphere_normals_point_outwards() {
+        let mesh = level_set(18, |p| dot(p, p).sqrt() - 0.8);
+        for (n, p) in mesh.vertex_normals().iter().zip(&mesh.verts) {
+            let (n, p) = (n.map(f64::from), p.map(f64::from));
+            assert!((dot(n, n) - 1.0).abs() < 1e-6);
+            assert!(dot(n, p) / dot(p, p).sqrt() > 0.97);
+        }
     }
 }

@@ -13,7 +13,7 @@ const LEAF: usize = 4;
 const CHUNK: usize = 256;
 
 /// Boxes that wait to be opened, at most: one for each level of a tree that halves up to 2^32 triangles, and one more.
-const DEEPEST: usize = 34;
+const MAX_WAITING: usize = 34;
 
 /// The point of a mesh nearest to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -133,7 +133,7 @@ impl TriangleBvh {
             }
         };
         consider(self.place[guess as usize], &mut best);
-        let mut stack = [(0.0, 0u32); DEEPEST];
+        let mut stack = [(0.0, 0u32); MAX_WAITING];
         stack[0] = (self.nodes[0].dist_sq(q), 0);
         let mut waiting = 1;
         while waiting > 0 {
@@ -278,6 +278,7 @@ fn build(items: &mut [Item], triangle: &impl Fn(u32) -> [[f64; 3]; 3], first: u3
 mod tests {
     use super::*;
     use crate::geometry::sample_surface;
+    use proptest::prelude::*;
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
@@ -309,6 +310,46 @@ mod tests {
         mesh
     }
 
+    /// Squared distance of the nearest face, and that face: every one is looked at, and the first of the nearest taken.
+    fn naive(mesh: &TriangleMesh, q: [f32; 3]) -> (f64, u32) {
+        let found = mesh.faces.iter().zip(0..).map(|(face, f)| {
+            let q = q.map(f64::from);
+            let corners = face.map(|v| mesh.verts[v as usize].map(f64::from));
+            (dist_sq(q, closest_on_triangle(q, corners).point), f)
+        });
+        found.min_by(|a, b| a.partial_cmp(b).unwrap()).unwrap()
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(64))]
+
+        /// The guess is the nearest face itself, the farthest, or any; some faces are there twice, so that equally near
+        /// ones must be told apart by their index.
+        #[test]
+        fn any_guess_gives_the_answer_of_the_naive_twin(
+            faces in 1usize..80,
+            size in 0.01f32..2.0,
+            seed in 0u64..1000,
+            q in prop::array::uniform3(-1.0f32..1.0),
+            on_vertex in any::<bool>(),
+            guess in 0usize..1000,
+        ) {
+            let mut mesh = soup(faces, size, seed);
+            mesh.faces.extend_from_within(..faces / 2);
+            let q = if on_vertex { mesh.verts[guess % mesh.verts.len()] } else { q };
+            let bvh = TriangleBvh::new(&mesh).unwrap();
+            let (want, hit) = (naive(&mesh, q), bvh.nearest(q));
+            let distance = |f: &u32| naive(&TriangleMesh { faces: vec![mesh.faces[*f as usize]], ..mesh.clone() }, q).0;
+            let all = 0..mesh.faces.len() as u32;
+            let worst = all.max_by(|a, b| distance(a).total_cmp(&distance(b))).unwrap();
+            for guess in [want.1, worst, (guess % mesh.faces.len()) as u32] {
+                let guessed = bvh.nearest_with_guess(q, guess);
+                prop_assert_eq!((guessed.dist_sq, guessed.face), want);
+                prop_assert_eq!(guessed, hit);
+            }
+        }
+    }
+
     #[test]
     fn nearest_is_brute_force() {
         let mut meshes: Vec<_> = (1..=12).map(|n| soup(n, 0.5, n as u64)).collect();
@@ -329,18 +370,7 @@ mod tests {
             queries.extend(mesh.verts.iter().step_by(7));
             queries.push([1e3, -1e3, 0.0]);
             for (q, hit) in queries.iter().zip(bvh.nearest_all(&queries)) {
-                let want = mesh
-                    .faces
-                    .iter()
-                    .enumerate()
-                    .map(|(f, face)| {
-                        let q = q.map(f64::from);
-                        let corners = face.map(|v| mesh.verts[v as usize].map(f64::from));
-                        (dist_sq(q, closest_on_triangle(q, corners).point), f as u32)
-                    })
-                    .min_by(|a, b| a.partial_cmp(b).unwrap())
-                    .unwrap();
-                assert_eq!((hit.dist_sq, hit.face), want);
+                assert_eq!((hit.dist_sq, hit.face), naive(&mesh, *q));
             }
         }
     }

@@ -3,7 +3,10 @@
 
 mod checkpoint;
 mod cloud;
+mod kind;
 mod options;
+mod params;
+mod result;
 mod saved;
 mod store;
 

@@ -1,6 +1,6 @@
 //! What can be said about a saved file without its cloud.
 
-use super::checkpoint::{CHECKPOINT, RECONSTRUCTION};
+use super::kind::{CHECKPOINT, RECONSTRUCTION};
 use super::options;
 use super::store::{Store, damaged, looks_like_store};
 use crate::error::Error;

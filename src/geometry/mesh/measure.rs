@@ -1,0 +1,64 @@
+//! The sizes of a mesh and of its faces.
+
+use super::TriangleMesh;
+use crate::geometry::vec3::{dot, sub, triangle_normal};
+use crate::geometry::{Bounds, Position, about, are_f32};
+
+/// What the volumes and areas of a mesh are computed from.
+pub(super) struct Measure {
+    /// The vertices in 32 bits, v x 3: as they are where 32 bits hold them exactly, else less `offset`.
+    verts: Vec<[f32; 3]>,
+    /// What was subtracted from all of them, see [`TriangleMesh::offset`].
+    offset: [f64; 3],
+    /// The least and greatest coordinates of `verts`, NaN on an axis where one is NaN; zero if there are none.
+    extent: [[f32; 3]; 2],
+    /// The middle of `extent`. Volumes are measured from here, so that a mesh far from the origin loses no digits.
+    centre: [f64; 3],
+}
+
+impl Measure {
+    pub fn of<P: Position>(mesh: &TriangleMesh<P>) -> Self {
+        let offset = if are_f32(&mesh.verts) { [0.0; 3] } else { mesh.offset() };
+        let verts = about(&mesh.verts, offset);
+        let extent = extent(&verts);
+        let [lo, hi] = extent;
+        let centre = std::array::from_fn(|a| 0.5 * (f64::from(lo[a]) + f64::from(hi[a])));
+        Measure { verts, offset, extent, centre }
+    }
+
+    /// The signed volume of the tetrahedron between a face and the centre, and the area of the face.
+    pub fn volume_and_area(&self, face: [u32; 3]) -> (f64, f64) {
+        let corners = face.map(|v| self.verts[v as usize].map(f64::from));
+        let normal = triangle_normal(corners);
+        (dot(sub(corners[0], self.centre), normal) / 6.0, 0.5 * dot(normal, normal).sqrt())
+    }
+
+    /// The least and greatest coordinates of the `mesh` it was made of, see [`Topology`](super::Topology).
+    pub fn bounds<P: Position>(&self, mesh: &TriangleMesh<P>) -> Option<[[f64; 3]; 2]> {
+        if self.offset != [0.0; 3] {
+            // There is an offset only where every coordinate is finite.
+            return Bounds::of(&mesh.verts).ok().map(|b| [b.min, b.max]);
+        }
+        (!self.verts.is_empty()).then(|| self.extent.map(|corner| corner.map(f64::from)))
+    }
+}
+
+/// The least and greatest coordinates of positions, v x 3, NaN on an axis where one is NaN; zero if there are none.
+fn extent(verts: &[[f32; 3]]) -> [[f32; 3]; 2] {
+    let pick = |old: f32, new: f32, better: bool| {
+        if old.is_nan() || new.is_nan() {
+            f32::NAN
+        } else if better {
+            new
+        } else {
+            old
+        }
+    };
+    let first = verts.first().copied().unwrap_or_default();
+    verts.iter().fold([first; 2], |[lo, hi], p| {
+        [
+            std::array::from_fn(|a| pick(lo[a], p[a], p[a] < lo[a])),
+            std::array::from_fn(|a| pick(hi[a], p[a], p[a] > hi[a])),
+        ]
+    })
+}
