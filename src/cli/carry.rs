@@ -18,8 +18,8 @@ pub struct Carried {
 }
 
 impl Carried {
-    /// What a mesh takes over from those of the cloud's points that are `kept` (their numbers), and a warning about what
-    /// it does not, which is told, too.
+    /// What a mesh takes over from those of the cloud's points that are `kept` (their numbers), and a warning about
+    /// what it does not, which is told, too.
     pub fn new(cloud: PointCloud, kept: &[u32], output: &Output, common: Common) -> (Self, Option<String>) {
         let format = output.format();
         let (attributes, left): (Vec<Attribute>, Vec<Attribute>) =

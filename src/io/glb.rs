@@ -78,7 +78,8 @@ pub(super) fn write(
     Ok(())
 }
 
-/// A part of a colour as the format wants it, which counts light, from one as pictures and other formats have it (sRGB).
+/// A part of a colour as the format wants it, which counts light, from one as pictures and other formats have it
+/// (sRGB).
 fn linear(part: f32) -> f32 {
     if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
 }

@@ -246,7 +246,8 @@ enum Want {
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 
 /// What a reader hands back: v x 3 positions (finite unless a cloud is wanted), v x 3 normals or none (finite or not),
-/// f x 3 indices (not yet checked against v), attributes of v values each, how many faces and rows it passed over, and what to tell.
+/// f x 3 indices (not yet checked against v), attributes of v values each, how many faces and rows it passed over, and
+/// what to tell.
 #[derive(Default)]
 struct Loaded {
     verts: Vec<[f64; 3]>,

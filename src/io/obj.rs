@@ -1,5 +1,5 @@
-//! Wavefront OBJ: `v` and `f` lines; everything else is skipped. Colours behind the place of a vertex are no part of the
-//! format, but many programs write and read them.
+//! Wavefront OBJ: `v` and `f` lines; everything else is skipped. Colours behind the place of a vertex are no part of
+//! the format, but many programs write and read them.
 
 use std::io::{self, Write};
 

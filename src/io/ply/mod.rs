@@ -46,8 +46,8 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     Ok(loaded)
 }
 
-/// Writes a cloud, or with `faces` a mesh, with one property more for each attribute; the caller has checked that indices
-/// fit `i32`, and that each attribute has a value a vertex and a name of its own.
+/// Writes a cloud, or with `faces` a mesh, with one property more for each attribute; the caller has checked that
+/// indices fit `i32`, and that each attribute has a value a vertex and a name of its own.
 pub(super) fn write(
     out: &mut dyn Write,
     verts: &[[f64; 3]],
