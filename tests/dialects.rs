@@ -102,6 +102,11 @@ fn answers(bytes: &[u8], format: Option<Format>) -> Option<PointCloud> {
             assert!(!cloud.points.is_empty() && cloud.points.as_flattened().iter().all(|x| x.is_finite()));
             assert!(cloud.left_out == 0 || !cloud.warnings.is_empty() || !cloud.notices.is_empty());
             assert!(cloud.warnings.iter().chain(&cloud.notices).all(|t| !t.contains('\n')));
+            // Who asks for what stands beside the points gets the same points, and a value for each.
+            let options = ReadOptions { format, attributes: true, ..Default::default() };
+            let more = read_cloud_with(bytes, &options).expect("what is read without attributes");
+            assert_eq!((&more.points, &more.warnings), (&cloud.points, &cloud.warnings));
+            assert!(more.attributes.iter().all(|a| a.values.len() == more.points.len()));
             Some(cloud)
         }
         Err(e) => {
@@ -175,8 +180,13 @@ fn damage(bytes: &[u8], kind: u8, at: usize, byte: u8) -> Vec<u8> {
     out
 }
 
+/// Files of each kind: 3,000, or as many as the variable `PROPTEST_CASES` says.
+fn cases() -> u32 {
+    std::env::var("PROPTEST_CASES").map_or(3000, |n| n.parse().expect("a number of cases"))
+}
+
 proptest! {
-    #![proptest_config(ProptestConfig { cases: 3000, failure_persistence: None, ..ProptestConfig::default() })]
+    #![proptest_config(ProptestConfig { cases: cases(), failure_persistence: None, ..ProptestConfig::default() })]
 
     #[test]
     fn every_dialect_gives_its_points(dialect in dialects(), points in clouds()) {
@@ -191,6 +201,16 @@ proptest! {
             for axis in 0..3 {
                 let off = (read[axis] - written[axis]).abs();
                 prop_assert!(off <= 0.6 * 0.1_f64.powi(dialect.digits as i32) + 1e-6, "{}", text);
+            }
+        }
+        if dialect.header == Header::Names {
+            let options = ReadOptions { attributes: true, ..Default::default() };
+            let attributes = read_cloud_with(text.as_bytes(), &options).unwrap().attributes;
+            prop_assert_eq!(attributes.len(), dialect.before + dialect.behind, "{}", text);
+            if dialect.behind > 0 {
+                let last = &attributes[attributes.len() - 1].values;
+                let written = |i: usize| format!("0.{}", 1 + (i * 7 + dialect.behind - 1) % 9);
+                prop_assert!(last.iter().enumerate().all(|(i, x)| x.to_string() == written(i)), "{}", text);
             }
         }
         prop_assert_eq!(dialect.wants_a_warning(), !cloud.warnings.is_empty(), "{:?} {}", cloud.warnings, text);

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Child, Command};
 
 use bijective_sdf::geometry::Shape;
-use bijective_sdf::io::{read_cloud, read_mesh, write_cloud};
+use bijective_sdf::io::{ReadOptions, read_cloud, read_cloud_with, read_mesh, write_cloud};
 
 #[allow(dead_code)]
 mod common;
@@ -248,4 +248,71 @@ fn a_trimmed_mesh_is_open_where_no_point_was() {
     let output = run(whole(&dir.path("none.ply")).arg("--trim=1e-6"), 1);
     assert!(err(&output).contains("none.ply --trim=0.000001`"), "{}", err(&output));
     assert!(!dir.path("none.ply").exists() && dir.path("none.ply.field").exists());
+}
+
+#[test]
+fn vertices_take_what_the_nearest_point_that_was_kept_has() {
+    let dir = Dir::new("carry");
+    let points = Shape::Sphere { radius: 0.5 }.sample(120, 1).0;
+    // The first point comes twice, with another class the second time, and a stray is left out: neither may shift what
+    // the others have.
+    let mut rows: Vec<([f32; 3], usize)> = points.iter().copied().zip(0..).collect();
+    rows.insert(5, ([3.0, -2.0, 2.5], 999));
+    rows.insert(9, (points[0], 888));
+    rows.push(([f32::NAN, 0.0, 0.0], 777));
+    let mut text = String::from("x,y,z,class,r,g,b,note\n");
+    for ([x, y, z], i) in rows {
+        text += &format!("{x},{y},{z},{},{},{},7,wall\n", 1000 + i, i % 256, i * 3 % 256);
+    }
+    let cloud = dir.text("cloud.csv", text);
+    let whole = |mesh: &Path| {
+        let mut command = program();
+        command.arg("reconstruct").arg(&cloud).arg("-o").arg(mesh).args(["--preset", "start", "--json"]);
+        command.args(["--resolution", "24", "--carry"]);
+        command
+    };
+    let (mesh, field) = (dir.path("mesh.ply"), dir.path("a.field"));
+    let output = run(whole(&mesh).arg("--support").arg("--save-field").arg(&field), 0);
+    assert!(err(&output).contains("\"note\" hold no numbers"), "{}", err(&output));
+    let json = parse(&out(&output));
+    assert_eq!(json.at("carried").to_string(), r#"["class","red","green","blue"]"#);
+    assert_eq!(json.at("strays").as_array().unwrap().len(), 1);
+    let read = |path: &Path| {
+        let options = ReadOptions { attributes: true, ..Default::default() };
+        read_cloud_with(&fs::read(path).unwrap(), &options).unwrap()
+    };
+    let got = read(&mesh);
+    let names: Vec<&str> = got.attributes.iter().map(|a| a.name.as_str()).collect();
+    assert_eq!(names, ["support", "class", "red", "green", "blue"]);
+    for (v, p) in got.points.iter().enumerate() {
+        let far = |q: &[f32; 3]| (0..3).map(|a| (p[a] - f64::from(q[a])).powi(2)).sum::<f64>();
+        let near = (0..120).min_by(|&i, &j| far(&points[i]).total_cmp(&far(&points[j]))).unwrap();
+        let values: Vec<f64> = got.attributes[1..].iter().map(|a| a.values[v]).collect();
+        assert_eq!(values, [1000 + near, near, near * 3 % 256, 7].map(|x| x as f64), "vertex {v}");
+        // The spacing of 120 points on this sphere is about 0.16.
+        let support = got.attributes[0].values[v];
+        let distance = far(&points[near]).sqrt();
+        assert!((0.08 * support..=0.4 * support).contains(&distance), "{support} at {distance}");
+    }
+    // The same from the field; without strays, as these are far off.
+    let again = dir.path("again.ply");
+    let mut command = program();
+    command.arg("mesh").arg(&field).arg("-o").arg(&again).args(["--resolution", "24", "--support"]);
+    run(command.arg("--carry").arg(&cloud), 0);
+    assert!(fs::read(&mesh).unwrap() == fs::read(&again).unwrap());
+    // What a format has no place for is told.
+    let output = run(&mut whole(&dir.path("mesh.obj")), 0);
+    assert!(err(&output).contains("warning: obj files hold colours only: not carried are class"));
+    let line = fs::read_to_string(dir.path("mesh.obj")).unwrap();
+    assert_eq!(line.lines().next().unwrap().split(' ').count(), 7);
+    fails(&mut whole(&dir.path("mesh.stl")), 2, &["--carry", "stl", "write ply"]);
+    fails(whole(&dir.path("mesh.glb")).arg("--support"), 2, &["--support", "glb", "write ply"]);
+    let plain = dir.text(
+        "plain.csv",
+        points.iter().map(|p| format!("{p:?}\n").replace(['[', ']'], "")).collect::<String>(),
+    );
+    let mut command = program();
+    command.arg("reconstruct").arg(&plain).arg("-o").arg(&mesh).args(["--preset", "start", "--carry"]);
+    let output = run(command.args(["--quiet", "--resolution", "24"]), 0);
+    assert!(err(&output).contains("warning: nothing is carried"), "{}", err(&output));
 }

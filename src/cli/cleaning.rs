@@ -53,10 +53,10 @@ pub fn strays(points: &[[f64; 3]], outliers: Outliers) -> (Vec<u32>, Option<Stri
     (found, Some(text))
 }
 
-/// The points without some, whose numbers ascend.
-pub fn without(points: &[[f64; 3]], left_out: &[u32]) -> Vec<[f64; 3]> {
+/// The points, or what there is one of for each of them, without some, whose numbers ascend.
+pub fn without<T: Copy>(points: &[T], left_out: &[u32]) -> Vec<T> {
     let mut left_out = left_out.iter().peekable();
-    let kept = |(i, _): &(u32, &[f64; 3])| left_out.next_if(|&&out| out == *i).is_none();
+    let kept = |(i, _): &(u32, &T)| left_out.next_if(|&&out| out == *i).is_none();
     (0..).zip(points).filter(kept).map(|(_, p)| *p).collect()
 }
 

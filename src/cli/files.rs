@@ -5,10 +5,10 @@ use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 use bijective_sdf::evaluate::GroundTruth;
-use bijective_sdf::geometry::{Bounds, TriangleMesh, about, shortest, widened};
+use bijective_sdf::geometry::{Attribute, Bounds, TriangleMesh, about, shortest, widened};
 use bijective_sdf::io::{
     Encoding, Format, PointCloud, ReadOptions, name_file, offset_left_out, read_cloud_with, read_mesh_with,
-    write_atomic, write_cloud_to, write_mesh_to,
+    write_atomic, write_cloud_to, write_mesh_with_to,
 };
 use bijective_sdf::reconstruct::Reconstruction;
 use bijective_sdf::{Error, ErrorKind};
@@ -200,8 +200,13 @@ impl Output {
         write_bytes(&self.path, &bytes)
     }
 
-    /// Writes a mesh.
-    pub fn write_mesh(&self, mesh: &TriangleMesh<[f64; 3]>) -> Result<(), Failure> {
+    /// What it is written in.
+    pub fn format(&self) -> Format {
+        self.format
+    }
+
+    /// Writes a mesh with attributes of its vertices.
+    pub fn write_mesh(&self, mesh: &TriangleMesh<[f64; 3]>, attributes: &[Attribute]) -> Result<(), Failure> {
         if let Some(offset) = offset_left_out(mesh, self.format) {
             say(&format!(
                 "warning: {} files hold 32-bit numbers, too coarse for these coordinates: the mesh is written less the \
@@ -211,7 +216,8 @@ impl Output {
             ));
         }
         let mut bytes = Vec::new();
-        write_mesh_to(&mut bytes, mesh, self.format, self.encoding).map_err(Failure::Output)?;
+        write_mesh_with_to(&mut bytes, mesh, attributes, self.format, self.encoding)
+            .map_err(Failure::Output)?;
         write_bytes(&self.path, &bytes)
     }
 }

@@ -2,10 +2,11 @@
 
 use std::path::PathBuf;
 
-use bijective_sdf::io::Format;
+use bijective_sdf::io::{Format, ReadOptions};
 use clap::Args;
 
 use super::Common;
+use super::carry::{Carried, all, check_format};
 use super::failure::Failure;
 use super::files::{Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, write_bytes};
 use super::machine::check_memory;
@@ -31,6 +32,10 @@ pub struct MeshArgs {
     /// Write text where the format also has a binary form
     #[arg(long)]
     ascii: bool,
+    /// Give each vertex of the mesh what this cloud, from which the field was made, has beside the coordinates of the
+    /// point nearest to it, such as colours (ply; obj and glb: colours only)
+    #[arg(long, value_name = "CLOUD")]
+    carry: Option<PathBuf>,
     #[command(flatten)]
     trim: TrimArgs,
     #[command(flatten)]
@@ -46,12 +51,26 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
         check_picture(path)?;
         check_apart("--preview", path, &args.field)?;
     }
+    check_format(&output, args.carry.is_some(), args.trim.support)?;
+    if let Some(path) = &args.carry {
+        check_apart("--output", &args.output, path)?;
+    }
     let field = Input::read(&args.field, None)?.field()?;
     field.notices().iter().for_each(|notice| common.note(notice));
     check_memory(field.config(), args.resolution, common)?;
-    let Part { mesh, cut } = args.trim.part(field.mesh(args.resolution)?, field.cloud(), common)?;
+    let carried = match &args.carry {
+        Some(path) => {
+            let options = ReadOptions { attributes: true, ..Default::default() };
+            let cloud = Input::read_with(path, options)?.cloud()?;
+            common.tell(&cloud.warnings, &cloud.notices);
+            let every: Vec<u32> = (0..cloud.points.len() as u32).collect();
+            Carried::new(cloud, &every, &output, common).0
+        }
+        None => Carried::default(),
+    };
+    let Part { mesh, cut, support } = args.trim.part(field.mesh(args.resolution)?, field.cloud(), common)?;
     let topology = mesh.topology();
-    output.write_mesh(&mesh)?;
+    output.write_mesh(&mesh, &all(support, carried.at(&mesh.verts)?))?;
     if let Some(path) = &args.view.preview {
         let image = render(field.cloud(), &mesh, &View::from(&args.view))?;
         write_bytes(path, &image.to_png())?;

@@ -47,15 +47,20 @@ fn delimiter(text: &str) -> Result<u8, String> {
 impl ReadArgs {
     /// Reads a file, or standard input.
     pub fn input<'a>(&self, path: &'a Path) -> Result<Input<'a>, Failure> {
-        self.read(path, false)
+        self.read(path, false, false)
+    }
+
+    /// Reads a file with what stands beside the coordinates of its points.
+    pub fn with_attributes<'a>(&self, path: &'a Path) -> Result<Input<'a>, Failure> {
+        self.read(path, false, true)
     }
 
     /// Reads a file of which every row must be a point, as results are printed beside them.
     pub fn rows<'a>(&self, path: &'a Path) -> Result<Input<'a>, Failure> {
-        self.read(path, true)
+        self.read(path, true, false)
     }
 
-    fn read<'a>(&self, path: &'a Path, every_row: bool) -> Result<Input<'a>, Failure> {
+    fn read<'a>(&self, path: &'a Path, every_row: bool, attributes: bool) -> Result<Input<'a>, Failure> {
         Input::read_with(
             path,
             ReadOptions {
@@ -67,6 +72,7 @@ impl ReadArgs {
                 raw: self.raw,
                 assume: self.assume,
                 every_row,
+                attributes,
             },
         )
     }

@@ -13,6 +13,7 @@ use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::Common;
+use super::carry::{Carried, all, check_format};
 use super::cleaning::{Outliers, doubts, strays, without};
 use super::codes::CodesFiles;
 use super::coverage::{coverage_json, coverage_text};
@@ -91,6 +92,10 @@ pub struct ReconstructArgs {
     /// Write the field, for the commands `sdf` and `mesh`. Until the mesh is written it is kept in any case, beside it
     #[arg(long, value_name = "FILE")]
     save_field: Option<PathBuf>,
+    /// Give each vertex of the mesh what the input has beside the coordinates of the point nearest to it, such as
+    /// colours, intensities and classes (ply; obj and glb: colours only)
+    #[arg(long)]
+    carry: bool,
     #[command(flatten)]
     trim: TrimArgs,
     #[command(flatten)]
@@ -127,7 +132,11 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
     let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
-    let input = args.reading.input(&args.input)?;
+    let input = if args.carry {
+        args.reading.with_attributes(&args.input)?
+    } else {
+        args.reading.input(&args.input)?
+    };
     let cloud = input.cloud()?;
     common.tell(&cloud.warnings, &cloud.notices);
     // The same check as the library's, here for its numbers and for an error that names the file.
@@ -143,6 +152,13 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let doubts: Vec<String> = told.into_iter().chain(doubts(&rest)).collect();
     common.tell(&doubts, &[]);
     warnings.extend(doubts);
+    let (notices, rows_left_out) = (cloud.notices.clone(), cloud.left_out);
+    let (carried, left_behind) = if args.carry {
+        Carried::new(cloud, &without(&clean.given, left_out), &places.mesh, common)
+    } else {
+        Default::default()
+    };
+    warnings.extend(left_behind);
     let offset = Bounds::of(&points)?.offset();
     if offset != [0.0; 3] {
         common.note(&format!(
@@ -172,7 +188,10 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let meshed = trained.field.mesh(args.resolution).map_err(Failure::from);
     let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.cloud(), common));
     let mesh_seconds = meshing.elapsed().as_secs_f64();
-    let part = part.and_then(|part| places.mesh.write_mesh(&part.mesh).map(|()| part));
+    let part = part.and_then(|mut part| {
+        let attributes = all(part.support.take(), carried.at(&part.mesh.verts)?);
+        places.mesh.write_mesh(&part.mesh, &attributes).map(|()| part)
+    });
     let part = match part {
         Ok(part) => part,
         Err(failure) => {
@@ -209,7 +228,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .path("output", Some(places.mesh.path()))
             .count("points", points.len())
             .count("duplicates", clean.duplicates_merged)
-            .count("left_out", cloud.left_out)
+            .count("left_out", rows_left_out)
             .raw("offset", list(offset.map(|x| number(Some(x)))))
             .text("outliers", args.outliers.name())
             .raw(
@@ -217,7 +236,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
                 list(stray.iter().map(|&i| list(clean.points[i as usize].map(|x| number(Some(x)))))),
             )
             .raw("warnings", list(warnings.iter().map(|w| quoted(w))))
-            .raw("notices", list(cloud.notices.iter().map(|n| quoted(n))))
+            .raw("notices", list(notices.iter().map(|n| quoted(n))))
             .text("preset", preset)
             .raw("seed", config.seed)
             .count("resolution", args.resolution);
@@ -228,6 +247,8 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .finish();
         let json = describe(json, &trained, &topology)
             .raw("trim", part.json())
+            .flag("support", args.trim.support)
+            .raw("carried", carried.json())
             .raw("seconds", seconds)
             .path("surface_points", args.surface_points.as_deref())
             .raw(
@@ -272,8 +293,14 @@ fn write_field(path: &Path, field: &Reconstruction) -> Result<(), Failure> {
 
 /// The command that makes the mesh from the field.
 fn go_on(field: &Path, args: &ReconstructArgs) -> String {
-    let trim = args.trim.trim.map_or(String::new(), |factor| format!(" --trim={factor}"));
-    format!("`bijective-sdf mesh {} -o {}{trim}`", field.display(), args.output.display())
+    let mut options = args.trim.trim.map_or(String::new(), |factor| format!(" --trim={factor}"));
+    if args.trim.support {
+        options += " --support";
+    }
+    if args.carry {
+        options += &format!(" --carry {}", args.input.display());
+    }
+    format!("`bijective-sdf mesh {} -o {}{options}`", field.display(), args.output.display())
 }
 
 /// What came of writing the results.
@@ -373,10 +400,12 @@ impl Places {
         }
         let beside =
             || Some(&args.output).filter(|path| is_ordinary(path)).map(|path| behind(path, ".field"));
+        let mesh = Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?;
+        check_format(&mesh, args.carry, args.trim.support)?;
         Ok(Places {
             codes,
             kept: args.save_field.clone().or_else(beside),
-            mesh: Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?,
+            mesh,
             surface_points: match &args.surface_points {
                 Some(path) => Some(Output::new(path, None, args.ascii, &CLOUD_FORMATS)?),
                 None => None,

@@ -16,6 +16,10 @@ pub struct TrimArgs {
     /// small holes that this leaves, and drop scraps; the mesh is open then [FACTOR if left out: 1]
     #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = DEFAULT, value_parser = factor)]
     pub trim: Option<f32>,
+    /// Write how far each vertex is from the nearest point, over the spacing of the points there, as the property
+    /// `support` of a ply mesh: what --trim compares with FACTOR
+    #[arg(long)]
+    pub support: bool,
 }
 
 /// [`TRIM_FACTOR`] as text.
@@ -32,6 +36,8 @@ pub struct Part {
     pub mesh: TriangleMesh<[f64; 3]>,
     /// The factor and the share of the area that was removed; none if nothing was asked for.
     pub cut: Option<(f32, f64)>,
+    /// The support of each vertex, if asked for.
+    pub support: Option<Vec<f32>>,
 }
 
 impl TrimArgs {
@@ -42,8 +48,12 @@ impl TrimArgs {
         points: &[[f64; 3]],
         common: Common,
     ) -> Result<Part, Failure> {
-        let Some(factor) = self.trim else { return Ok(Part { mesh, cut: None }) };
-        let Trimmed { mesh, removed, .. } = trim(&mesh, &support(&mesh.verts, points)?, factor);
+        if self.trim.is_none() && !self.support {
+            return Ok(Part { mesh, cut: None, support: None });
+        }
+        let near = support(&mesh.verts, points)?;
+        let Some(factor) = self.trim else { return Ok(Part { mesh, cut: None, support: Some(near.gap) }) };
+        let Trimmed { mesh, removed, gap } = trim(&mesh, &near, factor);
         if mesh.faces.is_empty() {
             return Err(Failure::from(nothing_left(factor)));
         }
@@ -51,7 +61,7 @@ impl TrimArgs {
             "cut away {:.1} % of the area: the mesh is open where no point is near",
             100.0 * removed
         ));
-        Ok(Part { mesh, cut: Some((factor, removed)) })
+        Ok(Part { mesh, cut: Some((factor, removed)), support: self.support.then_some(gap) })
     }
 }
 

@@ -16,6 +16,8 @@ const FLAT: f64 = 1e-6;
 pub struct CleanCloud {
     /// The distinct points, n x 3, in their first order of appearance, exactly as given.
     pub points: Vec<[f64; 3]>,
+    /// Which of the points given each of them is, n, ascending.
+    pub given: Vec<u32>,
     /// How many points were left out because an earlier one lies at the same place.
     pub duplicates_merged: usize,
     /// The lengths of the cloud along its principal axes, largest first, in the points' unit.
@@ -45,8 +47,10 @@ pub fn clean_cloud<P: Position>(points: &[P]) -> Result<CleanCloud, Error> {
 
     let mut seen = HashSet::with_capacity(points.len());
     // Adding 0 turns -0 into 0, so that points at the same place compare equal as bits.
-    let distinct: Vec<[f64; 3]> =
-        points.iter().map(|p| p.wide()).filter(|p| seen.insert(p.map(|x| (x + 0.0).to_bits()))).collect();
+    let (given, distinct): (Vec<u32>, Vec<[f64; 3]>) = (0..)
+        .zip(points.iter().map(|p| p.wide()))
+        .filter(|(_, p)| seen.insert(p.map(|x| (x + 0.0).to_bits())))
+        .unzip();
     let n = distinct.len();
     if n < 4 {
         return Err(data(format!("{} points have only {n} distinct positions", points.len()))
@@ -69,7 +73,7 @@ pub fn clean_cloud<P: Position>(points: &[P]) -> Result<CleanCloud, Error> {
              stored as 32-bit floats, store them in 64 bits or subtract it first",
         ));
     }
-    Ok(CleanCloud { duplicates_merged: points.len() - n, points: distinct, extents })
+    Ok(CleanCloud { duplicates_merged: points.len() - n, points: distinct, given, extents })
 }
 
 /// How many different places `points` (n x 3) have once each coordinate is rounded to the nearest multiple of `step`,
@@ -145,7 +149,7 @@ mod tests {
         let [a, b, c, d] = CORNERS;
         let clean = clean_cloud(&[d, a, d, b, [-0.0, 0.0, -0.0], c, b, d]).unwrap();
         assert_eq!(clean.points, [d, a, b, c].map(Position::wide));
-        assert_eq!(clean.duplicates_merged, 4);
+        assert_eq!((clean.given, clean.duplicates_merged), (vec![0, 1, 3, 5], 4));
         assert!(clean.extents[0] >= clean.extents[2] && clean.extents[2] > 0.1);
     }
 

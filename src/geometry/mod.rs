@@ -1,5 +1,6 @@
 //! Points, grids and meshes: everything that has no gradient.
 
+mod attribute;
 mod bounds;
 mod cloud;
 mod farthest;
@@ -14,6 +15,8 @@ mod sphere;
 mod thin;
 pub(crate) mod vec3;
 
+pub use attribute::{Attribute, Number};
+pub(crate) use attribute::{COLOUR, colours};
 pub use bounds::{Bounds, Normalizer};
 pub use cloud::{CleanCloud, clean_cloud, distinct_places};
 pub use farthest::farthest_point_sample;

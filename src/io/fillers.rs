@@ -62,6 +62,10 @@ fn retain(loaded: &mut Loaded, fits: impl Fn(&[f64; 3]) -> bool, text: impl Fn(u
         let mut kept = loaded.verts.iter().map(&fits);
         loaded.normals.retain(|_| kept.next().unwrap_or(false));
     }
+    for attribute in &mut loaded.attributes {
+        let mut kept = loaded.verts.iter().map(&fits);
+        attribute.values.retain(|_| kept.next().unwrap_or(false));
+    }
     loaded.verts.retain(&fits);
     loaded.left_out += gone;
     loaded.warnings.push(text(gone));

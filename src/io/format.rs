@@ -5,6 +5,7 @@ use std::path::Path;
 use std::str::FromStr;
 
 use super::text::{Lines, float, words};
+use crate::geometry::COLOUR;
 use crate::{Error, ErrorKind};
 
 /// A file format of point clouds, meshes or both.
@@ -119,6 +120,16 @@ impl Format {
     /// Whether files of this format can hold faces.
     pub fn holds_faces(self) -> bool {
         matches!(self, Format::Ply | Format::Obj | Format::Stl | Format::Off | Format::Glb)
+    }
+
+    /// Whether meshes of this format have a place for an attribute of this name at each vertex: PLY for any, OBJ and
+    /// GLB for colours.
+    pub fn holds_attribute(self, name: &str) -> bool {
+        match self {
+            Format::Ply => true,
+            Format::Obj | Format::Glb => COLOUR.contains(&name),
+            _ => false,
+        }
     }
 
     /// The format of a file whose name means `hint`: what the content shows wins, and the name decides where the

@@ -30,7 +30,7 @@ use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
-use crate::geometry::{Bounds, TriangleMesh, are_f32};
+use crate::geometry::{Attribute, Bounds, TriangleMesh, are_f32};
 use crate::{Error, ErrorKind};
 
 mod atomic;
@@ -67,7 +67,7 @@ pub use grid::{GridFormat, GridValues, write_grid_to};
 pub use options::{Columns, Raw, ReadOptions};
 pub use write::{
     Encoding, offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to,
-    write_mesh, write_mesh_as, write_mesh_to,
+    write_mesh, write_mesh_as, write_mesh_to, write_mesh_with_to,
 };
 
 /// The points of a file and what the reader left out.
@@ -79,6 +79,10 @@ pub struct PointCloud {
     /// Normals, n x 3, all finite and of the file's lengths, if there are columns or properties `nx`, `ny` and `nz`
     /// (PLY, XYZ and CSV). The reconstruction does not use them.
     pub normals: Option<Vec<[f32; 3]>>,
+    /// What else the file has of each point, if [asked for](ReadOptions::attributes): number properties of PLY, fields
+    /// of PCD (a packed `rgb` as `red`, `green` and `blue`), intensity, classification and colour of LAS, numbers in
+    /// named columns of a text, and the colours of OBJ. Of other formats there are none.
+    pub attributes: Vec<Attribute>,
     /// One sentence for each thing worth telling the user, such as `ignored 2 extra columns`.
     pub notices: Vec<String>,
     /// One sentence for each thing by which the points may be others than the user thinks, such as rows that were left
@@ -128,7 +132,11 @@ pub fn read_cloud_bytes(bytes: &[u8], format: Option<Format>) -> Result<PointClo
 /// As [`read_cloud_bytes`]; [`ErrorKind::Format`] also where it is not certain which numbers are the coordinates, with
 /// what to give.
 pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud, Error> {
-    let want = if options.every_row { Want::EveryRow } else { Want::Cloud };
+    let want = match (options.every_row, options.attributes) {
+        (true, _) => Want::EveryRow,
+        (false, true) => Want::Attributes,
+        (false, false) => Want::Cloud,
+    };
     let bytes = &unpacked(bytes)?;
     let mut loaded = load(bytes, choose(bytes, options)?, options, want)?;
     let total = loaded.verts.len();
@@ -156,6 +164,7 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
     Ok(PointCloud {
         points,
         normals,
+        attributes: loaded.attributes,
         notices,
         warnings,
         left_out: loaded.left_out,
@@ -223,10 +232,12 @@ pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMes
     Ok(TriangleMesh { verts: loaded.verts, faces: loaded.faces })
 }
 
-/// What is of interest: points, points of which none may be left out, or vertices and faces.
+/// What is of interest: points, points with what stands beside them, points of which none may be left out, or vertices
+/// and faces.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Want {
     Cloud,
+    Attributes,
     EveryRow,
     Mesh,
 }
@@ -235,12 +246,14 @@ enum Want {
 const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
 
 /// What a reader hands back: v x 3 positions (finite unless a cloud is wanted), v x 3 normals or none (finite or not),
-/// f x 3 indices (not yet checked against v), how many faces and rows it passed over, and what to tell.
+/// f x 3 indices (not yet checked against v), attributes of v values each, how many faces and rows it passed over, and
+/// what to tell.
 #[derive(Default)]
 struct Loaded {
     verts: Vec<[f64; 3]>,
     normals: Vec<[f32; 3]>,
     faces: Vec<[u32; 3]>,
+    attributes: Vec<Attribute>,
     ignored_faces: u64,
     left_out: usize,
     notices: Vec<String>,
@@ -364,7 +377,7 @@ fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Resu
 fn check_point(point: [f64; 3], want: Want, noun: &str, index: usize) -> Result<(), Error> {
     let wrong = |x: &f64| match want {
         // The largest number of 64 bits is a filler, which is looked at later.
-        Want::Cloud => x.is_finite() && x.abs() > f64::from(f32::MAX) && x.abs() < 1e300,
+        Want::Cloud | Want::Attributes => x.is_finite() && x.abs() > f64::from(f32::MAX) && x.abs() < 1e300,
         Want::EveryRow | Want::Mesh => !(*x as f32).is_finite(),
     };
     match point.iter().position(wrong) {
@@ -394,19 +407,21 @@ fn check_range(verts: &[[f64; 3]], noun: &str) -> Result<(), Error> {
 /// same cloud as a binary file. Not where 32 bits would lose the detail ([`Bounds::offset`]).
 fn round_to_floats(verts: &mut [[f64; 3]], declared: bool) {
     let mut digits = String::new();
-    let mut is_float = |x: f64| {
-        let narrow = x as f32;
-        if f64::from(narrow) == x {
-            return true;
-        }
-        digits.clear();
-        let _ = std::fmt::Write::write_fmt(&mut digits, format_args!("{narrow:e}"));
-        digits.parse() == Ok(x)
-    };
-    let floats = declared || verts.as_flattened().iter().all(|&x| is_float(x));
+    let floats = declared || verts.as_flattened().iter().all(|&x| is_short_float(x, &mut digits));
     if floats && Bounds::of(verts).is_ok_and(|bounds| bounds.offset() == [0.0; 3]) {
         verts.as_flattened_mut().iter_mut().for_each(|x| *x = f64::from(*x as f32));
     }
+}
+
+/// Whether a number is one of 32 bits or the shortest decimal of one; `digits` is working space.
+fn is_short_float(x: f64, digits: &mut String) -> bool {
+    let narrow = x as f32;
+    if f64::from(narrow) == x {
+        return true;
+    }
+    digits.clear();
+    let _ = std::fmt::Write::write_fmt(digits, format_args!("{narrow:e}"));
+    digits.parse() == Ok(x)
 }
 
 /// Cuts a polygon into triangles that share its first corner.

@@ -1,11 +1,12 @@
-//! Wavefront OBJ: `v` and `f` lines; everything else is skipped.
+//! Wavefront OBJ: `v` and `f` lines; everything else is skipped. Colours behind the place of a vertex are no part of
+//! the format, but many programs write and read them.
 
 use std::io::{self, Write};
 
-use super::text::{Lines, integer, show, three_floats, without_mark, words, write_position};
+use super::text::{Lines, float, integer, show, three_floats, without_mark, words, write_position};
 use super::width::Width;
 use super::{Loaded, Want, check_point, push_fan};
-use crate::geometry::TriangleMesh;
+use crate::geometry::{Attribute, COLOUR, Number, TriangleMesh};
 use crate::{Error, ErrorKind};
 
 /// Reads v x 3 positions and, if wanted, polygons cut into f x 3 triangles.
@@ -21,6 +22,9 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         match parts.next() {
             Some(b"v") => {
                 let index = loaded.verts.len();
+                if want == Want::Attributes {
+                    colour(&mut loaded, parts.clone());
+                }
                 let point = three_floats(parts)
                     .map_err(|e| e.at_line(number).at_element(format!("vertex {index}")))?;
                 check_point(point, want, "vertex", index).map_err(|e| e.at_line(number))?;
@@ -61,11 +65,38 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     Ok(loaded)
 }
 
-/// Writes a mesh with indices from 1.
-pub(super) fn write(out: &mut dyn Write, mesh: &TriangleMesh<[f64; 3]>, width: Width) -> io::Result<()> {
-    for &p in &mesh.verts {
+/// Takes the three numbers behind a place as a colour; behind a weight of the place, if there are four. Where one
+/// vertex has none, none has.
+fn colour<'a>(loaded: &mut Loaded, words: impl Iterator<Item = &'a [u8]>) {
+    let index = loaded.verts.len();
+    if index == 0 {
+        let one = |name: &str| Attribute { name: name.into(), number: Number::F32, values: Vec::new() };
+        loaded.attributes = COLOUR.map(one).into();
+    }
+    let words = words.take_while(|w| !w.starts_with(b"#"));
+    let numbers: Vec<f64> = words.skip(3).take(5).map_while(float).collect();
+    match &numbers[..] {
+        [part @ .., _, _, _] if part.len() < 2 && !loaded.attributes.is_empty() => {
+            let colour = &numbers[part.len()..];
+            loaded.attributes.iter_mut().zip(colour).for_each(|(a, &x)| a.values.push(x));
+        }
+        _ => loaded.attributes.clear(),
+    }
+}
+
+/// Writes a mesh with indices from 1, and a colour a vertex behind its place, as many programs do.
+pub(super) fn write(
+    out: &mut dyn Write,
+    mesh: &TriangleMesh<[f64; 3]>,
+    width: Width,
+    colours: Option<&[[f32; 3]]>,
+) -> io::Result<()> {
+    for (i, &p) in mesh.verts.iter().enumerate() {
         out.write_all(b"v ")?;
         write_position(out, p, width, " ")?;
+        if let Some([r, g, b]) = colours.map(|c| c[i]) {
+            write!(out, " {r} {g} {b}")?;
+        }
         out.write_all(b"\n")?;
     }
     for [a, b, c] in &mesh.faces {

@@ -39,6 +39,9 @@ pub struct ReadOptions {
     pub assume: bool,
     /// Every row must hold a point: rows that are not finite are errors, and no row is left out.
     pub every_row: bool,
+    /// Reads what stands beside the coordinates of each point, too, into
+    /// [`PointCloud::attributes`](super::PointCloud::attributes).
+    pub attributes: bool,
 }
 
 /// The columns of x, y and z.

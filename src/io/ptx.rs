@@ -65,7 +65,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             let at = |e: Error| e.at_line(line).at_element(format!("point {index}"));
             let p = three_floats(words(text)).map_err(at)?;
             (found, rows) = (found + 1, rows + 1);
-            if p == [0.0; 3] && want == Want::Cloud {
+            if p == [0.0; 3] && matches!(want, Want::Cloud | Want::Attributes) {
                 none += 1;
                 continue;
             }

@@ -39,7 +39,7 @@ impl<'a> Iterator for Lines<'a> {
 }
 
 /// The parts of a line between runs of white space.
-pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> {
+pub(super) fn words(line: &[u8]) -> impl Iterator<Item = &[u8]> + Clone {
     line.split(u8::is_ascii_whitespace).filter(|w| !w.is_empty())
 }
 

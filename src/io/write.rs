@@ -5,7 +5,7 @@ use std::path::Path;
 
 use super::width::Width;
 use super::{Format, Want, check_point, glb, obj, off, ply, stl, table, write_atomic};
-use crate::geometry::{Bounds, Position, TriangleMesh, are_f32, widened};
+use crate::geometry::{Attribute, Bounds, COLOUR, Number, Position, TriangleMesh, are_f32, colours, widened};
 use crate::{Error, ErrorKind};
 
 /// Whether numbers are written as bytes or as digits; both read back to the same bits.
@@ -46,7 +46,7 @@ pub fn write_mesh_as<P: Position>(
 ) -> Result<(), Error> {
     let (path, mesh) = (path.as_ref(), mesh.wide());
     check_mesh(&mesh, format).map_err(|e| e.in_file(path))?;
-    write_atomic(path, |out| emit_mesh(out, &mesh, format, encoding).map_err(failed))
+    write_atomic(path, |out| emit_mesh(out, &mesh, &[], format, encoding).map_err(failed))
 }
 
 /// Writes a mesh to any writer; nothing is written unless the mesh passes the checks. Give a buffered writer.
@@ -62,7 +62,52 @@ pub fn write_mesh_to<P: Position>(
 ) -> Result<(), Error> {
     let mesh = mesh.wide();
     check_mesh(&mesh, format)?;
-    emit_mesh(&mut out, &mesh, format, encoding).and_then(|()| out.flush()).map_err(failed)
+    emit_mesh(&mut out, &mesh, &[], format, encoding).and_then(|()| out.flush()).map_err(failed)
+}
+
+/// Writes a mesh with attributes of its vertices to any writer; nothing is written unless all passes the checks. Give a
+/// buffered writer.
+///
+/// PLY has a property for each; OBJ and GLB hold the colours `red`, `green` and `blue` only, from 0 to 1 (bytes are
+/// parts of 255).
+///
+/// ```
+/// use bijective_sdf::geometry::{Attribute, Number, TriangleMesh};
+/// use bijective_sdf::io::{Encoding, Format, write_mesh_with_to};
+///
+/// let mesh = TriangleMesh { verts: vec![[0.0f32; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], faces: vec![[0, 1, 2]] };
+/// let height = Attribute { name: "height".into(), number: Number::F32, values: vec![0.5, 1.5, 2.0] };
+/// let mut out = Vec::new();
+/// write_mesh_with_to(&mut out, &mesh, &[height], Format::Ply, Encoding::Ascii)?;
+/// assert!(String::from_utf8_lossy(&out).contains("property float height"));
+/// # Ok::<(), bijective_sdf::Error>(())
+/// ```
+///
+/// # Errors
+///
+/// As [`write_mesh_as`]; [`ErrorKind::Format`] also for an attribute that the format does not hold
+/// ([`Format::holds_attribute`]), [`ErrorKind::Config`] for one whose name is that of a coordinate or of another, or
+/// has other characters than letters, digits and marks of ASCII.
+///
+/// # Panics
+///
+/// If an attribute has not one value a vertex.
+#[track_caller]
+pub fn write_mesh_with_to<P: Position>(
+    mut out: impl Write,
+    mesh: &TriangleMesh<P>,
+    attributes: &[Attribute],
+    format: Format,
+    encoding: Encoding,
+) -> Result<(), Error> {
+    let v = mesh.verts.len();
+    for Attribute { name, values, .. } in attributes {
+        assert!(values.len() == v, "write_mesh_with_to: {} values of {name}, {v} vertices", values.len());
+    }
+    check_attributes(attributes, format)?;
+    let mesh = mesh.wide();
+    check_mesh(&mesh, format)?;
+    emit_mesh(&mut out, &mesh, attributes, format, encoding).and_then(|()| out.flush()).map_err(failed)
 }
 
 /// Writes points, n x 3, in the format that the extension of `path` means: `ply` in binary, `xyz` or `csv` as text; in
@@ -129,7 +174,13 @@ pub fn write_coloured_cloud_to<P: Position>(
     assert!(points.len() == colours.len(), "{} points with {} colours", points.len(), colours.len());
     let points = widened(points);
     check_cloud(&points, Format::Ply)?;
-    ply::write_coloured(&mut out, &points, Width::of_cloud(&points), colours, ply_encoding(encoding))
+    let part = |(axis, name): (usize, &str)| Attribute {
+        name: name.into(),
+        number: Number::U8,
+        values: colours.iter().map(|c| f64::from(c[axis])).collect(),
+    };
+    let colours: Vec<Attribute> = COLOUR.into_iter().enumerate().map(part).collect();
+    ply::write(&mut out, &points, Width::of_cloud(&points), &colours, None, ply_encoding(encoding))
         .and_then(|()| out.flush())
         .map_err(failed)
 }
@@ -145,18 +196,22 @@ pub fn offset_left_out<P: Position>(mesh: &TriangleMesh<P>, format: Format) -> O
 fn emit_mesh(
     out: &mut dyn Write,
     mesh: &TriangleMesh<[f64; 3]>,
+    attributes: &[Attribute],
     format: Format,
     encoding: Encoding,
 ) -> io::Result<()> {
     let width = Width::of_mesh(&mesh.verts);
     let local = || mesh.about(offset_left_out(mesh, format).unwrap_or_default());
+    let colours = || colours(attributes);
     match (format, encoding) {
-        (Format::Ply, _) => ply::write(out, &mesh.verts, width, Some(&mesh.faces), ply_encoding(encoding)),
+        (Format::Ply, _) => {
+            ply::write(out, &mesh.verts, width, attributes, Some(&mesh.faces), ply_encoding(encoding))
+        }
         (Format::Stl, Encoding::Binary) => stl::write_binary(out, &local()),
         (Format::Stl, Encoding::Ascii) => stl::write_ascii(out, &local()),
-        (Format::Obj, _) => obj::write(out, mesh, width),
+        (Format::Obj, _) => obj::write(out, mesh, width, colours().as_deref()),
         (Format::Off, _) => off::write(out, mesh, width),
-        (Format::Glb, _) => glb::write(out, mesh),
+        (Format::Glb, _) => glb::write(out, mesh, colours().as_deref()),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a mesh format")),
     }
 }
@@ -169,7 +224,7 @@ fn emit_cloud(
 ) -> io::Result<()> {
     let width = Width::of_cloud(points);
     match format {
-        Format::Ply => ply::write(out, points, width, None, ply_encoding(encoding)),
+        Format::Ply => ply::write(out, points, width, &[], None, ply_encoding(encoding)),
         Format::Xyz => table::write(out, points, width, " "),
         Format::Csv => table::write(out, points, width, ","),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a cloud format")),
@@ -194,7 +249,7 @@ fn by_extension(path: &Path, writable: &str) -> Result<Format, Error> {
 fn check_mesh(mesh: &TriangleMesh<[f64; 3]>, format: Format) -> Result<(), Error> {
     if !format.holds_faces() {
         return Err(Error::new(ErrorKind::Format, format!("meshes are not written as {format}"))
-            .advise("choose one of ply, obj, stl, off, glb, glb"));
+            .advise("choose one of ply, obj, stl, off, glb"));
     }
     let (v, f) = (mesh.verts.len(), mesh.faces.len());
     if f == 0 {
@@ -217,6 +272,22 @@ fn check_mesh(mesh: &TriangleMesh<[f64; 3]>, format: Format) -> Result<(), Error
             format!("{:?} names a vertex beyond the {v} vertices", mesh.faces[i]),
         )
         .at_element(format!("face {i}")));
+    }
+    Ok(())
+}
+
+fn check_attributes(attributes: &[Attribute], format: Format) -> Result<(), Error> {
+    for (i, attribute) in attributes.iter().enumerate() {
+        let name = attribute.name.as_str();
+        if !format.holds_attribute(name) {
+            return Err(Error::new(ErrorKind::Format, format!("{format} files have no place for {name:?}"))
+                .advise("write ply"));
+        }
+        let taken = ["x", "y", "z"].contains(&name) || attributes[..i].iter().any(|a| a.name == name);
+        if taken || name.is_empty() || !name.bytes().all(|b| b.is_ascii_graphic()) {
+            return Err(Error::new(ErrorKind::Config, format!("an attribute cannot be named {name:?}"))
+                .advise("give each a name of its own, of letters and digits"));
+        }
     }
     Ok(())
 }
@@ -293,6 +364,53 @@ mod tests {
         let error =
             write_coloured_cloud_to(Vec::new(), &[[0.0f32; 3]; 0], &[], Encoding::Binary).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Data);
+    }
+
+    #[test]
+    fn attributes_come_back_as_they_were_and_are_refused_where_there_is_no_place() {
+        let numbers = [
+            ("a", Number::I8, [-128.0, 127.0, 0.0]),
+            ("b", Number::U8, [255.0, 0.0, 1.0]),
+            ("c", Number::I16, [-32_768.0, 5.0, 6.0]),
+            ("d", Number::U16, [65_535.0, 5.0, 6.0]),
+            ("e", Number::I32, [-2e9, 5.0, 6.0]),
+            ("f", Number::U32, [4e9, 5.0, 6.0]),
+            ("g", Number::F32, [0.5, -0.25, f64::from(0.1f32)]),
+            ("h", Number::F64, [1e300, 0.1, -7.0]),
+        ];
+        let of = |(name, number, values): (&str, Number, [f64; 3])| Attribute {
+            name: name.into(),
+            number,
+            values: values.into(),
+        };
+        let attributes: Vec<Attribute> = numbers.into_iter().map(of).collect();
+        let options = crate::io::ReadOptions { attributes: true, ..Default::default() };
+        for encoding in [Encoding::Ascii, Encoding::Binary] {
+            let mut out = Vec::new();
+            write_mesh_with_to(&mut out, &mesh(), &attributes, Format::Ply, encoding).unwrap();
+            assert_eq!(crate::io::read_mesh_bytes(&out, None).unwrap(), mesh().wide());
+            assert_eq!(crate::io::read_cloud_with(&out, &options).unwrap().attributes, attributes);
+            assert!(crate::io::read_cloud_bytes(&out, None).unwrap().attributes.is_empty());
+        }
+        let colour = |name| of((name, Number::U8, [255.0, 0.0, 51.0]));
+        let colours = COLOUR.map(colour);
+        let mut out = Vec::new();
+        write_mesh_with_to(&mut out, &mesh(), &colours, Format::Obj, Encoding::Binary).unwrap();
+        assert!(out.starts_with(b"v 0 0 0 1 1 1\nv 1 0 0 0 0 0\nv 0 1 0 0.2 0.2 0.2\nf 1 2 3"));
+        let read = crate::io::read_cloud_with(&out, &options).unwrap().attributes;
+        assert!(read.len() == 3 && read[2].name == "blue" && read[2].values == [1.0, 0.0, 0.2]);
+        for (format, attribute, message) in [
+            (Format::Obj, "a", "no place for \"a\""),
+            (Format::Stl, "red", "no place for \"red\""),
+            (Format::Ply, "y", "cannot be named \"y\""),
+            (Format::Ply, "a b", "cannot be named"),
+            (Format::Ply, "", "cannot be named"),
+        ] {
+            let attribute = [colour(attribute)];
+            let mut out = Vec::new();
+            let e = write_mesh_with_to(&mut out, &mesh(), &attribute, format, Encoding::Ascii).unwrap_err();
+            assert!(e.to_string().contains(message) && out.is_empty(), "{e}");
+        }
     }
 
     #[test]

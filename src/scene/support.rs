@@ -57,6 +57,22 @@ pub fn support<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<S
     Ok(Support { gap, spacing })
 }
 
+/// The number of the point nearest to each of `places` (m x 3, in the frame of `points`, n x 3): m; of several as near,
+/// the first.
+///
+/// # Errors
+/// As [`support`].
+///
+/// # Panics
+/// If a place is not finite.
+#[track_caller]
+pub fn nearest_of<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<Vec<u32>, Error> {
+    let frame = Normalizer::of(points)?;
+    let (places, points) = (frame.forward(places), frame.forward(points));
+    let tree = KdTree::new(&points);
+    Ok(places.par_iter().with_min_len(CHUNK).map(|&place| tree.nearest(place).0).collect())
+}
+
 /// The spacing at each point.
 fn spacings(points: &[[f32; 3]]) -> Vec<f64> {
     // Each point is the nearest to itself.
@@ -94,6 +110,8 @@ mod tests {
             let spacing: Vec<f64> =
                 points.iter().map(|p| sorted(p)[k].0 * (std::f64::consts::PI / k as f64).sqrt()).collect();
             let got = support(&places, &points).unwrap();
+            let nearest = nearest_of(&places, &points).unwrap();
+            prop_assert!(places.iter().zip(nearest).all(|(p, i)| sorted(p)[0].1 == i as usize));
             for (place, (got, wide)) in places.iter().zip(got.gap.iter().zip(&got.spacing)) {
                 let near = sorted(place);
                 let m = 8.min(n);

@@ -1,6 +1,7 @@
 //! LAS, the format of laser scans from the air, versions 1.0 to 1.4, and LAZ, the same packed.
 
 use super::{Loaded, Want, check_point};
+use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
 #[cfg(feature = "formats")]
@@ -8,6 +9,10 @@ mod laz;
 
 /// Least bytes of a record, by its format.
 const MIN_RECORD: [u64; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
+
+/// Where the colour begins in a record, by its format.
+const COLOURS: [Option<usize>; 11] =
+    [None, None, Some(20), Some(28), None, Some(28), None, Some(30), Some(30), None, Some(30)];
 
 /// Whether the bytes begin like a LAS file.
 pub(super) fn looks_like_las(bytes: &[u8]) -> bool {
@@ -17,6 +22,7 @@ pub(super) fn looks_like_las(bytes: &[u8]) -> bool {
 /// What the header says of the points.
 struct Header {
     packed: bool,
+    format: usize,
     record: usize,
     count: u64,
     start: usize,
@@ -37,6 +43,9 @@ fn wrong(what: impl Into<String>) -> Error {
 pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let header = Header::parse(bytes)?;
     let mut loaded = Loaded::default();
+    if want == Want::Attributes {
+        loaded.attributes = header.attributes();
+    }
     if header.packed {
         packed(bytes, &header, want, &mut loaded)?;
     } else {
@@ -55,6 +64,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             header.push(row, want, &mut loaded)?;
         }
     }
+    short_colours(&mut loaded.attributes);
     Ok(loaded)
 }
 
@@ -92,7 +102,7 @@ impl Header {
                 bytes.len()
             )));
         }
-        Ok(Header { packed, record: record as usize, count, start, scale, offset })
+        Ok(Header { packed, format: format as usize, record: record as usize, count, start, scale, offset })
     }
 
     /// Adds the point of a record, whose first three numbers are its place in steps.
@@ -104,7 +114,37 @@ impl Header {
         let point = [0, 1, 2].map(|axis| step(axis) * self.scale[axis] + self.offset[axis]);
         check_point(point, want, "point", loaded.verts.len())?;
         loaded.verts.push(point);
+        if want == Want::Attributes {
+            let word = |at: usize| f64::from(u16::from_le_bytes([row[at], row[at + 1]]));
+            // Formats before 6 have flags in the upper bits of the class.
+            let class = if self.format < 6 { row[15] & 0x1f } else { row[16] };
+            let colour = COLOURS[self.format].map_or([0.0; 3], |at| [0, 2, 4].map(|part| word(at + part)));
+            let values = [word(12), f64::from(class)].into_iter().chain(colour);
+            loaded.attributes.iter_mut().zip(values).for_each(|(a, x)| a.values.push(x));
+        }
         Ok(())
+    }
+
+    /// What records of the format have beside the place, without values yet.
+    fn attributes(&self) -> Vec<Attribute> {
+        let one =
+            |(name, number): (&str, Number)| Attribute { name: name.into(), number, values: Vec::new() };
+        let colours = COLOUR.into_iter().filter(|_| COLOURS[self.format].is_some());
+        let plain = [("intensity", Number::U16), ("classification", Number::U8)];
+        plain.into_iter().chain(colours.map(|name| (name, Number::U16))).map(one).collect()
+    }
+}
+
+/// Makes bytes of the parts of colours. They have 16 bits, but many programs fill 8 of them only.
+fn short_colours(attributes: &mut [Attribute]) {
+    let parts = || attributes.iter().filter(|a| a.is_colour());
+    let wide = parts().flat_map(|a| &a.values).any(|&x| x > 255.0);
+    for part in attributes.iter_mut().filter(|a| a.is_colour()) {
+        part.number = Number::U8;
+        if wide {
+            // 65,535 is 257 times 255.
+            part.values.iter_mut().for_each(|x| *x = (*x / 257.0).round());
+        }
     }
 }
 
@@ -165,6 +205,44 @@ pub(super) mod tests {
             assert_eq!(read(&bytes, Want::Cloud).unwrap().verts, POINTS, "1.{minor}");
             for end in 0..bytes.len() {
                 assert!(read(&bytes[..end], Want::Cloud).is_err(), "{end}");
+            }
+        }
+    }
+
+    #[test]
+    fn intensity_class_and_colour_become_attributes() {
+        for (format, record, class, colour) in
+            [(0, 20, 15, None), (2, 26, 15, Some(20)), (3, 34, 15, Some(28)), (7, 36, 16, Some(30))]
+        {
+            for scale in [1_u16, 257] {
+                let mut head = header(if format == 7 { 4 } else { 2 }, format, &[], 3);
+                head[105..107].copy_from_slice(&(record as u16).to_le_bytes());
+                let mut rows = Vec::new();
+                for old in records().chunks_exact(20) {
+                    let mut row = old[..12].to_vec();
+                    row.resize(record, 0);
+                    row[12..14].copy_from_slice(&4000_u16.to_le_bytes());
+                    // With the flag of a withheld point in the older formats.
+                    row[class] = if class == 15 { 0x86 } else { 6 };
+                    for (part, x) in [200_u16, 0, 17].into_iter().enumerate() {
+                        if let Some(at) = colour {
+                            row[at + 2 * part..][..2].copy_from_slice(&(x * scale).to_le_bytes());
+                        }
+                    }
+                    rows.extend(row);
+                }
+                let loaded = read(&[head, rows].concat(), Want::Attributes).unwrap();
+                assert_eq!(loaded.verts, POINTS);
+                let found: Vec<(&str, &[f64])> =
+                    loaded.attributes.iter().map(|a| (a.name.as_str(), &a.values[..])).collect();
+                let expected: [(&str, &[f64]); 5] = [
+                    ("intensity", &[4000.0; 3]),
+                    ("classification", &[6.0; 3]),
+                    ("red", &[200.0; 3]),
+                    ("green", &[0.0; 3]),
+                    ("blue", &[17.0; 3]),
+                ];
+                assert_eq!(found, expected[..if colour.is_some() { 5 } else { 2 }], "format {format}");
             }
         }
     }

@@ -2,6 +2,7 @@
 
 use super::text::{Lines, float, integer, not_a_number, show, words};
 use super::{Loaded, Want, check_point};
+use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
 mod lzf;
@@ -36,7 +37,30 @@ struct Field {
     word: usize,
 }
 
+/// The fields that are read, by their numbers in the header.
+struct Places {
+    point: [usize; 3],
+    normal: Option<[usize; 3]>,
+    /// Those of the attributes.
+    more: Vec<usize>,
+}
+
 impl Field {
+    /// The attribute that it becomes, without values yet.
+    fn attribute(&self) -> Attribute {
+        let number = match (self.kind, self.size) {
+            (b'F', 4) => Number::F32,
+            (b'I', 1) => Number::I8,
+            (b'U', 1) => Number::U8,
+            (b'I', 2) => Number::I16,
+            (b'U', 2) => Number::U16,
+            (b'I', 4) => Number::I32,
+            (b'U', 4) => Number::U32,
+            _ => Number::F64,
+        };
+        Attribute { name: self.name.clone(), number, values: Vec::new() }
+    }
+
     fn number(&self, bytes: &[u8]) -> f64 {
         let mut word = [0; 8];
         word[..self.size].copy_from_slice(&bytes[..self.size]);
@@ -87,17 +111,26 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         [Some(a), Some(b), Some(c)] => Some([a, b, c]),
         _ => None,
     };
+    let mut read: Vec<usize> = point.into_iter().chain(normal.into_iter().flatten()).collect();
+    let others = (0..header.fields.len()).filter(|i| {
+        let field = &header.fields[*i];
+        want == Want::Attributes && !read.contains(i) && field.count == 1 && field.name != "_"
+    });
+    let more: Vec<usize> = others.collect();
+    read.extend(&more);
+    loaded.attributes = more.iter().map(|&i| header.fields[i].attribute()).collect();
+    let places = Places { point, normal, more };
     let body = &bytes[header.body..];
     match header.data {
-        Data::Ascii => text(&header, body, point, normal, want, &mut loaded)?,
-        Data::Binary => binary(&header, body, Layout::Rows, point, normal, want, &mut loaded)?,
+        Data::Ascii => text(&header, body, &places, want, &mut loaded)?,
+        Data::Binary => binary(&header, body, Layout::Rows, &places, want, &mut loaded)?,
         Data::Packed => {
             let columns = header.unpack(body)?;
-            binary(&header, &columns, Layout::Columns, point, normal, want, &mut loaded)?;
+            binary(&header, &columns, Layout::Columns, &places, want, &mut loaded)?;
         }
     }
-    let read = if normal.is_some() { 6 } else { 3 };
-    let extra = header.fields.iter().filter(|f| f.name != "_").count() - read;
+    unpack_colours(&mut loaded, &header, &places.more);
+    let extra = header.fields.iter().filter(|f| f.name != "_").count() - read.len();
     if extra > 0 {
         loaded.notices.push(format!("ignored {extra} extra fields"));
     }
@@ -108,6 +141,29 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         loaded.notices.push("the points are rows and columns of an image".into());
     }
     Ok(loaded)
+}
+
+/// Replaces a field `rgb` or `rgba`, in whose 32 bits the parts of a colour are packed, by these parts. The bits may be
+/// declared as those of a float.
+fn unpack_colours(loaded: &mut Loaded, header: &Header, fields: &[usize]) {
+    let packed = |(a, &i): (&Attribute, &usize)| {
+        let named = ["rgb", "rgba"].iter().any(|name| a.name.eq_ignore_ascii_case(name));
+        named && header.fields[i].size == 4
+    };
+    let Some(at) = loaded.attributes.iter().zip(fields).position(packed) else { return };
+    let Attribute { number, values, .. } = loaded.attributes.remove(at);
+    let bits = |&x: &f64| match number {
+        Number::F32 => (x as f32).to_bits(),
+        // Text may have the bits of an unsigned number in a field of signed ones, and the other way round.
+        _ => x as i64 as u32,
+    };
+    let part = |(name, shift): (&str, u32)| Attribute {
+        name: name.into(),
+        number: Number::U8,
+        values: values.iter().map(|x| f64::from((bits(x) >> shift) as u8)).collect(),
+    };
+    loaded.attributes.retain(|a| !a.is_colour());
+    loaded.attributes.extend(COLOUR.into_iter().zip([16, 8, 0]).map(part));
 }
 
 impl Header {
@@ -278,14 +334,7 @@ fn push(
     Ok(())
 }
 
-fn text(
-    header: &Header,
-    body: &[u8],
-    point: [usize; 3],
-    normal: Option<[usize; 3]>,
-    want: Want,
-    loaded: &mut Loaded,
-) -> Result<(), Error> {
+fn text(header: &Header, body: &[u8], places: &Places, want: Want, loaded: &mut Loaded) -> Result<(), Error> {
     let mut found = 0;
     for (number, line) in Lines::after(body, header.lines) {
         if line.trim_ascii().is_empty() || line.trim_ascii().starts_with(b"#") {
@@ -302,10 +351,19 @@ fn text(
             float(word).ok_or_else(|| not_a_number(word))
         };
         let mut position = [0.0; 3];
-        for (to, field) in position.iter_mut().zip(point) {
+        for (to, field) in position.iter_mut().zip(places.point) {
             *to = value(field).map_err(at)?;
         }
-        let normal = normal.map(|n| n.map(|field| value(field).unwrap_or(f64::NAN)));
+        let normal = places.normal.map(|n| n.map(|field| value(field).unwrap_or(f64::NAN)));
+        for (attribute, &field) in loaded.attributes.iter_mut().zip(&places.more) {
+            let value = value(field).unwrap_or(f64::NAN);
+            // Only floats can say that there is no value.
+            if !value.is_finite() && attribute.number != Number::F32 {
+                attribute.number = Number::F64;
+            }
+            let narrow = attribute.number == Number::F32;
+            attribute.values.push(if narrow { f64::from(value as f32) } else { value });
+        }
         push(loaded, found, want, position, normal).map_err(|e| e.at_line(number))?;
         found += 1;
     }
@@ -331,8 +389,7 @@ fn binary(
     header: &Header,
     body: &[u8],
     layout: Layout,
-    point: [usize; 3],
-    normal: Option<[usize; 3]>,
+    places: &Places,
     want: Want,
     loaded: &mut Loaded,
 ) -> Result<(), Error> {
@@ -346,7 +403,10 @@ fn binary(
                 Layout::Columns => &body[rows * field.offset + i * field.size * field.count..],
             })
         };
-        push(loaded, i, want, point.map(value), normal.map(|n| n.map(value)))?;
+        for (attribute, &field) in loaded.attributes.iter_mut().zip(&places.more) {
+            attribute.values.push(value(field));
+        }
+        push(loaded, i, want, places.point.map(value), places.normal.map(|n| n.map(value)))?;
     }
     let tail = body.len() - rows * header.row;
     if tail > 0 {
@@ -414,6 +474,48 @@ pub(super) mod tests {
         let old = b"FIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nWIDTH 2\nDATA ascii\n1 2 3\nnan 0 0\n";
         let loaded = read(old, Want::Cloud).unwrap();
         assert!(loaded.verts[0] == [1.0, 2.0, 3.0] && loaded.verts[1][0].is_nan());
+    }
+
+    #[test]
+    fn fields_beside_the_coordinates_become_attributes() {
+        let head = |kind: &str, data: &str| {
+            format!(
+                "FIELDS x y z intensity rgb ring _ more\nSIZE 4 4 4 4 4 2 1 4\nTYPE F F F F {kind} U U F\n\
+                 COUNT 1 1 1 1 1 1 1 2\nWIDTH 2\nDATA {data}\n"
+            )
+        };
+        // 255, 128, 7 in the last three bytes.
+        let bits = 0x00ff_8007_u32;
+        let rows: Vec<u8> = [[1.0, 0.5], [4.0, -2.0]]
+            .iter()
+            .flat_map(|[x, i]: &[f32; 2]| {
+                let floats = [*x, 2.0, 3.0, *i].map(f32::to_le_bytes).concat();
+                [floats, bits.to_le_bytes().to_vec(), 9_u16.to_le_bytes().to_vec(), vec![0; 9]].concat()
+            })
+            .collect();
+        let float = f32::from_bits(bits);
+        let text = |rgb: String| format!("1 2 3 0.5 {rgb} 9 0 0 0\n4 2 3 -2 {rgb} 9 0 0 0\n").into_bytes();
+        for (head, body) in [
+            (head("F", "binary"), rows.clone()),
+            (head("U", "binary"), rows),
+            (head("F", "ascii"), text(float.to_string())),
+            (head("U", "ascii"), text(bits.to_string())),
+        ] {
+            let bytes = [head.as_bytes(), &body].concat();
+            let loaded = read(&bytes, Want::Attributes).unwrap();
+            let found: Vec<(&str, Number, &[f64])> =
+                loaded.attributes.iter().map(|a| (a.name.as_str(), a.number, &a.values[..])).collect();
+            let expected: [(&str, Number, &[f64]); 5] = [
+                ("intensity", Number::F32, &[0.5, -2.0]),
+                ("ring", Number::U16, &[9.0; 2]),
+                ("red", Number::U8, &[255.0; 2]),
+                ("green", Number::U8, &[128.0; 2]),
+                ("blue", Number::U8, &[7.0; 2]),
+            ];
+            assert_eq!(found, expected, "{head}");
+            assert_eq!(loaded.notices, ["ignored 1 extra fields"]);
+            assert!(read(&bytes, Want::Cloud).unwrap().attributes.is_empty());
+        }
     }
 
     #[test]

@@ -23,11 +23,18 @@ pub(super) fn read(header: &Header, mut body: &[u8], want: Want, loaded: &mut Lo
                 loaded.verts.reserve_exact(def.count);
                 loaded.normals.reserve_exact(if normals { def.count } else { 0 });
                 for i in 0..def.count {
-                    let row: VertexRow = decoder.read(&mut body, def, i)?;
-                    check_point(row.point, want, "vertex", i)?;
-                    loaded.verts.push(row.point);
+                    let (point, normal) = if want == Want::Attributes {
+                        let row: VertexRow<true> = decoder.read(&mut body, def, i)?;
+                        loaded.attributes.iter_mut().zip(row.more).for_each(|(a, x)| a.values.push(x));
+                        (row.point, row.normal)
+                    } else {
+                        let row: VertexRow<false> = decoder.read(&mut body, def, i)?;
+                        (row.point, row.normal)
+                    };
+                    check_point(point, want, "vertex", i)?;
+                    loaded.verts.push(point);
                     if normals {
-                        loaded.normals.push(row.normal);
+                        loaded.normals.push(normal);
                     }
                 }
             }
@@ -102,18 +109,21 @@ impl Decoder {
     }
 }
 
-/// Position and normal of a vertex, from any number type.
-struct VertexRow {
+/// Position and normal of a vertex, from any number type; with `MORE` all other numbers, too, in their order.
+struct VertexRow<const MORE: bool> {
     point: [f64; 3],
     normal: [f32; 3],
+    more: Vec<f64>,
 }
 
-impl VertexRow {
+impl<const MORE: bool> VertexRow<MORE> {
     fn set(&mut self, name: &str, value: f64) -> PropertyAccessResult {
         if let Some(axis) = axis_of(name) {
             self.point[axis] = value;
         } else if let Some(axis) = NORMAL.iter().position(|n| *n == name) {
             self.normal[axis] = value as f32;
+        } else if MORE {
+            self.more.push(value);
         } else {
             return PropertyAccessResult::Ignored;
         }
@@ -121,9 +131,9 @@ impl VertexRow {
     }
 }
 
-impl PropertyAccess for VertexRow {
+impl<const MORE: bool> PropertyAccess for VertexRow<MORE> {
     fn new() -> Self {
-        VertexRow { point: [0.0; 3], normal: [0.0; 3] }
+        VertexRow { point: [0.0; 3], normal: [0.0; 3], more: Vec::new() }
     }
     fn set_char(&mut self, name: &str, value: i8) -> PropertyAccessResult {
         self.set(name, f64::from(value))

@@ -6,11 +6,12 @@
 
 use std::io::{self, Write};
 
-use ply_rs::ply::{ElementDef, Encoding, PropertyType, ScalarType};
+use ply_rs::ply::{ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
 
 use super::text::write_position;
 use super::width::Width;
 use super::{Loaded, NORMAL, Want};
+use crate::geometry::{Attribute, Number};
 use crate::{Error, ErrorKind};
 
 mod binary;
@@ -29,6 +30,9 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         check_faces(&header)?;
     }
     let mut loaded = Loaded { notices: notices(&header, want), ..Loaded::default() };
+    if want == Want::Attributes {
+        loaded.attributes = header.element("vertex").map_or(Vec::new(), attributes);
+    }
     if want != Want::Mesh {
         loaded.ignore_faces(header.element("face").map_or(0, |e| e.count as u64));
     }
@@ -42,33 +46,13 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     Ok(loaded)
 }
 
-/// Writes a cloud, or with `faces` a mesh; the caller has checked that indices fit `i32`.
+/// Writes a cloud, or with `faces` a mesh, with one property more for each attribute; the caller has checked that
+/// indices fit `i32`, and that each attribute has a value a vertex and a name of its own.
 pub(super) fn write(
     out: &mut dyn Write,
     verts: &[[f64; 3]],
     width: Width,
-    faces: Option<&[[u32; 3]]>,
-    encoding: Encoding,
-) -> io::Result<()> {
-    write_with(out, verts, width, None, faces, encoding)
-}
-
-/// Writes a cloud with a colour a point (red, green, blue).
-pub(super) fn write_coloured(
-    out: &mut dyn Write,
-    verts: &[[f64; 3]],
-    width: Width,
-    colours: &[[u8; 3]],
-    encoding: Encoding,
-) -> io::Result<()> {
-    write_with(out, verts, width, Some(colours), None, encoding)
-}
-
-fn write_with(
-    out: &mut dyn Write,
-    verts: &[[f64; 3]],
-    width: Width,
-    colours: Option<&[[u8; 3]]>,
+    attributes: &[Attribute],
     faces: Option<&[[u32; 3]]>,
     encoding: Encoding,
 ) -> io::Result<()> {
@@ -78,8 +62,8 @@ fn write_with(
         Width::Double => "double",
     };
     write!(out, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;
-    if colours.is_some() {
-        out.write_all(b"property uchar red\nproperty uchar green\nproperty uchar blue\n")?;
+    for attribute in attributes {
+        writeln!(out, "property {} {}", type_name(attribute.number), attribute.name)?;
     }
     if let Some(faces) = faces {
         write!(out, "element face {}\nproperty list uchar int vertex_indices\n", faces.len())?;
@@ -89,8 +73,11 @@ fn write_with(
     if encoding == Encoding::Ascii {
         for (i, &p) in verts.iter().enumerate() {
             write_position(out, p, width, " ")?;
-            if let Some([r, g, b]) = colours.map(|c| c[i]) {
-                write!(out, " {r} {g} {b}")?;
+            for attribute in attributes {
+                match attribute.number {
+                    Number::F32 => write!(out, " {}", attribute.values[i] as f32)?,
+                    _ => write!(out, " {}", attribute.values[i])?,
+                }
             }
             out.write_all(b"\n")?;
         }
@@ -100,20 +87,16 @@ fn write_with(
         return Ok(());
     }
     let little = encoding == Encoding::BinaryLittleEndian;
+    let mut bytes = Vec::with_capacity(64);
     for (i, p) in verts.iter().enumerate() {
-        match width {
-            Width::Single => {
-                let row = p.map(|x| x as f32).map(|x| if little { x.to_le_bytes() } else { x.to_be_bytes() });
-                out.write_all(row.as_flattened())?;
-            }
-            Width::Double => {
-                let row = p.map(|x| if little { x.to_le_bytes() } else { x.to_be_bytes() });
-                out.write_all(row.as_flattened())?;
-            }
-        }
-        if let Some(colours) = colours {
-            out.write_all(&colours[i])?;
-        }
+        bytes.clear();
+        let position = match width {
+            Width::Single => Number::F32,
+            Width::Double => Number::F64,
+        };
+        p.iter().for_each(|&x| push(&mut bytes, x, position, little));
+        attributes.iter().for_each(|a| push(&mut bytes, a.values[i], a.number, little));
+        out.write_all(&bytes)?;
     }
     for face in faces {
         let mut row = [3; 13];
@@ -122,6 +105,38 @@ fn write_with(
         out.write_all(&row)?;
     }
     Ok(())
+}
+
+/// The name of a type in a header.
+fn type_name(number: Number) -> &'static str {
+    match number {
+        Number::I8 => "char",
+        Number::U8 => "uchar",
+        Number::I16 => "short",
+        Number::U16 => "ushort",
+        Number::I32 => "int",
+        Number::U32 => "uint",
+        Number::F32 => "float",
+        Number::F64 => "double",
+    }
+}
+
+/// Adds the bytes of a number; what an integer cannot hold becomes its nearest.
+fn push(bytes: &mut Vec<u8>, x: f64, number: Number, little: bool) {
+    let start = bytes.len();
+    match number {
+        Number::I8 => bytes.extend((x as i8).to_le_bytes()),
+        Number::U8 => bytes.push(x as u8),
+        Number::I16 => bytes.extend((x as i16).to_le_bytes()),
+        Number::U16 => bytes.extend((x as u16).to_le_bytes()),
+        Number::I32 => bytes.extend((x as i32).to_le_bytes()),
+        Number::U32 => bytes.extend((x as u32).to_le_bytes()),
+        Number::F32 => bytes.extend((x as f32).to_le_bytes()),
+        Number::F64 => bytes.extend(x.to_le_bytes()),
+    }
+    if !little {
+        bytes[start..].reverse();
+    }
 }
 
 /// Makes sure that there are faces with exactly one corner list.
@@ -157,7 +172,11 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
         match e.name.as_str() {
             "vertex" => {
                 let normals = want != Want::Mesh && has_normals(e);
-                let read = |k: &&str| axis_of(k).is_some() || (normals && NORMAL.contains(k));
+                let carried = if want == Want::Attributes { attributes(e) } else { Vec::new() };
+                let read = |k: &&str| {
+                    let is_carried = carried.iter().any(|a| a.name == *k);
+                    axis_of(k).is_some() || (normals && NORMAL.contains(k)) || is_carried
+                };
                 let extra: Vec<&str> = e.properties.keys().map(String::as_str).filter(|k| !read(k)).collect();
                 let more = if extra.len() > 8 { ", ..." } else { "" };
                 let names = extra[..extra.len().min(8)].join(", ");
@@ -178,6 +197,26 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
 /// The axis that a property holds the coordinate of; some programs write capitals.
 fn axis_of(name: &str) -> Option<usize> {
     ["x", "y", "z"].iter().position(|axis| name.eq_ignore_ascii_case(axis))
+}
+
+/// The numbers of a vertex beside position and normal, without values yet, in their order.
+fn attributes(vertex: &ElementDef) -> Vec<Attribute> {
+    let one = |(name, property): (&String, &PropertyDef)| {
+        let PropertyType::Scalar(kind) = &property.data_type else { return None };
+        let other = axis_of(name).is_none() && !NORMAL.contains(&name.as_str());
+        let number = match kind {
+            ScalarType::Char => Number::I8,
+            ScalarType::UChar => Number::U8,
+            ScalarType::Short => Number::I16,
+            ScalarType::UShort => Number::U16,
+            ScalarType::Int => Number::I32,
+            ScalarType::UInt => Number::U32,
+            ScalarType::Float => Number::F32,
+            ScalarType::Double => Number::F64,
+        };
+        other.then(|| Attribute { name: name.clone(), number, values: Vec::new() })
+    };
+    vertex.properties.iter().filter_map(one).collect()
 }
 
 /// Whether vertices have a normal, as three numbers.
@@ -403,7 +442,7 @@ mod tests {
             let faces: Vec<[u32; 3]> = picks.iter().map(|f| f.map(|i| i % verts.len() as u32)).collect();
             for encoding in ENCODINGS {
                 let mut bytes = Vec::new();
-                write(&mut bytes, &widened(&verts), Width::Single, Some(&faces), encoding).unwrap();
+                write(&mut bytes, &widened(&verts), Width::Single, &[], Some(&faces), encoding).unwrap();
                 let loaded = read(&bytes, Want::Mesh).unwrap();
                 let read = about(&loaded.verts, [0.0; 3]);
                 prop_assert_eq!(bits(&read), bits(&verts));

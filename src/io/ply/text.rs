@@ -6,6 +6,7 @@ use super::super::text::{Lines, float, integer, not_a_number, show, words};
 use super::super::{Loaded, NORMAL, Want, check_point, push_fan, round_to_floats};
 use super::header::Header;
 use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
+use crate::geometry::{Attribute, Number};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -33,7 +34,7 @@ pub(super) fn read(header: &Header, body: &[u8], want: Want, loaded: &mut Loaded
             let located = |e: Error| e.at_line(number).at_element(format!("{} {i}", def.name));
             match def.name.as_str() {
                 "vertex" => {
-                    let (point, normal) = vertex_of(line, def).map_err(located)?;
+                    let (point, normal) = vertex_of(line, def, &mut loaded.attributes).map_err(located)?;
                     check_point(point, want, "vertex", i).map_err(|e| e.at_line(number))?;
                     loaded.verts.push(point);
                     if normals {
@@ -64,14 +65,28 @@ fn holds_floats(vertex: &ElementDef) -> bool {
     axes.all(|(_, property)| matches!(property.data_type, PropertyType::Scalar(ScalarType::Float)))
 }
 
-/// Position and normal from the line of a vertex. A word that is no number makes the normal NaN: nobody may want it.
-fn vertex_of(line: &[u8], def: &ElementDef) -> Result<([f64; 3], [f32; 3]), Error> {
+/// Position and normal from the line of a vertex, whose other numbers go to the attributes. A word that is no number
+/// makes the normal or the attribute NaN: nobody may want it.
+fn vertex_of(
+    line: &[u8],
+    def: &ElementDef,
+    attributes: &mut [Attribute],
+) -> Result<([f64; 3], [f32; 3]), Error> {
     let (mut point, mut normal) = ([0.0; 3], [0.0; 3]);
+    let mut more = attributes.iter_mut().peekable();
     each_property(line, def, |name, values| {
         if let Some(axis) = axis_of(name) {
             point[axis] = float(values[0]).ok_or_else(|| not_a_number(values[0]))?;
         } else if let Some(axis) = NORMAL.iter().position(|a| *a == name) {
             normal[axis] = values.first().and_then(|v| float(v)).map_or(f32::NAN, |n| n as f32);
+        } else if let Some(attribute) = more.next_if(|a| a.name == name) {
+            let value = float(values[0]).unwrap_or(f64::NAN);
+            // Only floats can say that there is no value.
+            if !value.is_finite() && attribute.number != Number::F32 {
+                attribute.number = Number::F64;
+            }
+            let narrow = attribute.number == Number::F32;
+            attribute.values.push(if narrow { f64::from(value as f32) } else { value });
         }
         Ok(())
     })?;

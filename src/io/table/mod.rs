@@ -11,7 +11,8 @@ use super::doubt::{Doubt, Evidence};
 use super::options::{Columns, ReadOptions};
 use super::text::{Lines, integer, not_a_number, show, without_mark, write_position};
 use super::width::Width;
-use super::{Loaded, Want, check_point};
+use super::{Loaded, Want, check_point, is_short_float};
+use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
 mod dialect;
@@ -92,6 +93,8 @@ struct Layout {
     dialect: Dialect,
     point: [usize; 3],
     normal: Option<[usize; 3]>,
+    /// The columns of the attributes.
+    more: Vec<usize>,
     /// Columns of the first row.
     total: usize,
     /// The choice is a guess that the numbers may speak against.
@@ -220,7 +223,8 @@ impl Table<'_> {
         // The last column of the first row may be empty.
         let named = self.header.as_ref().map_or(0, |h| h.names.len());
         let total = fields.len() + usize::from(open && named == fields.len() + 1);
-        let mut layout = Layout { dialect, point: [0, 1, 2], normal: None, total, guessed: true };
+        let mut layout =
+            Layout { dialect, point: [0, 1, 2], normal: None, more: Vec::new(), total, guessed: true };
         if dialect.decimal_comma {
             self.loaded.notices.push("numbers have decimal commas".into());
         }
@@ -250,13 +254,36 @@ impl Table<'_> {
             )
             .advise("give other --columns, or another --delimiter"));
         }
-        let read = if layout.normal.is_some() { 6 } else { 3 };
+        if self.want == Want::Attributes {
+            self.add_attributes(&mut layout);
+        }
+        let read = layout.more.len() + if layout.normal.is_some() { 6 } else { 3 };
         match total.saturating_sub(read) {
             0 => {}
             1 => self.loaded.notices.push("ignored 1 extra column".to_string()),
             extra => self.loaded.notices.push(format!("ignored {extra} extra columns")),
         }
         Ok(layout)
+    }
+
+    /// Takes the columns that have a name and hold no coordinate for attributes.
+    fn add_attributes(&mut self, layout: &mut Layout) {
+        let Some(header) = self.header.as_ref().filter(|_| self.numbered.is_none()) else { return };
+        let names = header.names.len();
+        // The numbers of the rows of a table may have no name.
+        let shift = usize::from(header.comment.is_none() && names + 1 == layout.total);
+        if names + shift != layout.total || header.comment == Some(false) {
+            return;
+        }
+        for (column, name) in (shift..).zip(&header.names) {
+            let taken = layout.point.contains(&column) || layout.normal.is_some_and(|n| n.contains(&column));
+            let name = name.trim();
+            if !taken && !name.is_empty() && !name.starts_with(|c: char| c.is_ascii_digit()) {
+                layout.more.push(column);
+                let name = name.to_string();
+                self.loaded.attributes.push(Attribute { name, number: Number::F64, values: Vec::new() });
+            }
+        }
     }
 
     /// The columns that the user named.
@@ -431,6 +458,10 @@ impl Table<'_> {
             let part = |c: usize| fields.get(c).and_then(|f| layout.dialect.number(f)).unwrap_or(f64::NAN);
             self.loaded.normals.push(columns.map(|c| part(c) as f32));
         }
+        for (attribute, &column) in self.loaded.attributes.iter_mut().zip(&layout.more) {
+            let value = fields.get(column).and_then(|f| layout.dialect.number(f));
+            attribute.values.push(value.unwrap_or(f64::NAN));
+        }
         self.loaded.verts.push(point);
         Ok(())
     }
@@ -474,7 +505,35 @@ impl Table<'_> {
             self.loaded.notices.push(format!("left out {n} lines that repeat the names of the columns"));
         }
         self.count_scans();
+        self.type_attributes();
         Ok(self.loaded)
+    }
+
+    /// Leaves out the attributes that are words, and finds the narrowest type for those that are numbers.
+    fn type_attributes(&mut self) {
+        let (numbers, words): (Vec<_>, Vec<_>) = std::mem::take(&mut self.loaded.attributes)
+            .into_iter()
+            .partition(|a| a.values.iter().any(|x| x.is_finite()));
+        if !words.is_empty() {
+            let names: Vec<String> = words.into_iter().map(|a| a.name).collect();
+            self.loaded.notices.push(format!("the columns {} hold no numbers", listed(&names)));
+        }
+        self.loaded.attributes = numbers;
+        for attribute in &mut self.loaded.attributes {
+            attribute.number = narrowest(&attribute.values);
+        }
+        let colour = ["r", "g", "b"];
+        let parts = [COLOUR, colour].map(|names| {
+            names.map(|name| {
+                let bytes = |a: &Attribute| a.number == Number::U8 && a.name.eq_ignore_ascii_case(name);
+                self.loaded.attributes.iter().position(bytes)
+            })
+        });
+        if let Some([Some(r), Some(g), Some(b)]) = parts.into_iter().find(|p| p.iter().all(Option::is_some)) {
+            for (i, name) in [r, g, b].into_iter().zip(COLOUR) {
+                self.loaded.attributes[i].name = name.into();
+            }
+        }
     }
 
     /// Holds the lines with numbers of points against what followed them.
@@ -506,6 +565,22 @@ fn label_only(layout: &Layout, fields: &[&[u8]], assume: bool) -> Result<(), Err
     }
     let what = format!("column 1 holds words such as {}", show(fields[0]));
     Err(Doubt { what, from: Some(1) }.stop())
+}
+
+/// A type that holds numbers exactly, or as their digits have them: the narrowest of bytes, integers of 32 bits, and
+/// floats.
+fn narrowest(values: &[f64]) -> Number {
+    let whole = |low: f64, high: f64| values.iter().all(|x| x.fract() == 0.0 && (low..=high).contains(x));
+    let mut digits = String::new();
+    if whole(0.0, 255.0) {
+        Number::U8
+    } else if whole(f64::from(i32::MIN), f64::from(i32::MAX)) {
+        Number::I32
+    } else if values.iter().all(|&x| !x.is_finite() || is_short_float(x, &mut digits)) {
+        Number::F32
+    } else {
+        Number::F64
+    }
 }
 
 /// Names for a message.

@@ -194,3 +194,37 @@ fn errors_name_the_line_and_the_point() {
     assert!(e.to_string().contains("UTF-16"), "{e}");
     assert!(read(b"1\x00 \x002\x00").map(|l| l.verts).unwrap_err().to_string().contains("UTF-16"));
 }
+
+#[test]
+fn named_columns_become_attributes() {
+    let found = |text: &str, options: &ReadOptions| {
+        let loaded = super::read(text.as_bytes(), options, Want::Attributes).unwrap();
+        let values: Vec<_> = loaded.attributes.into_iter().map(|a| (a.name, a.number, a.values)).collect();
+        (values, loaded.notices)
+    };
+    let text = "id,x,y,z,R,G,B,Label,time,note,share\n1,0.5,2,3,255,0,7,-4,1e9,wall,0.1\n\
+                2,4,5,6,0,1,2,70000,1000000000.25,roof,\n";
+    let (values, notices) = found(text, &ReadOptions::default());
+    let expected: [(&str, Number, [f64; 2]); 7] = [
+        ("id", Number::U8, [1.0, 2.0]),
+        ("red", Number::U8, [255.0, 0.0]),
+        ("green", Number::U8, [0.0, 1.0]),
+        ("blue", Number::U8, [7.0, 2.0]),
+        ("Label", Number::I32, [-4.0, 70_000.0]),
+        ("time", Number::F64, [1e9, 1_000_000_000.25]),
+        ("share", Number::F32, [0.1, f64::NAN]),
+    ];
+    assert_eq!(values.len(), expected.len());
+    for ((name, number, values), wanted) in values.iter().zip(expected) {
+        assert_eq!((name.as_str(), *number, values[0]), (wanted.0, wanted.1, wanted.2[0]));
+        assert!(values[1].to_bits() == wanted.2[1].to_bits() || values[1].is_nan() && wanted.2[1].is_nan());
+    }
+    assert_eq!(notices, ["the columns \"note\" hold no numbers"]);
+    // The numbers of rows may have no name; columns without any have no names for attributes.
+    let labelled = found("x y z i\na 1 2 3 4\nb 5 6 7 8\n", &ReadOptions::default()).0;
+    assert_eq!(labelled, [("i".to_string(), Number::U8, vec![4.0, 8.0])]);
+    let named = ReadOptions { columns: Some("E,N,H".parse().unwrap()), ..Default::default() };
+    let text = "N;E;H;q\n1;2;3;0.5\n4;5;6;0.25\n";
+    assert_eq!(found(text, &named).0, [("q".to_string(), Number::F32, vec![0.5, 0.25])]);
+    assert!(found("1 2 3 4\n5 6 7.5 8\n", &ReadOptions { assume: true, ..Default::default() }).0.is_empty());
+}
