@@ -6,9 +6,8 @@
 //! surfaces (a partition of unity, as Ohtake et al. 2003, "Multi-level partition of unity implicits"). The cost is O(n)
 //! systems of fixed size.
 //!
-//! The normals at the points come first: each ball looks for those that bend its own plate least, and a point takes the
-//! weighted mean of what the balls around it say. With these, one set for all, the plates are made, so that plates that
-//! overlap agree about the points they share.
+//! Each ball looks for the normals that bend its own plate least. One set of normals for all, at each point the mean of
+//! what the balls around it find, comes out the same (`benches/accuracy.md`).
 
 use super::forecast::{Forecast, covariances, forecasts};
 use super::plate::{System, ThinPlate, directions};
@@ -107,11 +106,11 @@ impl LocalPlates {
         }
         let balls = cover(points, GROUP);
         let near = Near::of(&balls, points);
-        let agreed = agreed_normals(points, &balls, guesses)?;
-        // A system is made a second time: to keep those of all balls would take a megabyte each.
         let plates = |ball: &Ball| -> Result<Vec<ThinPlate>, Error> {
             let (places, system) = ball.system(points)?;
-            Ok(agreed.iter().map(|normals| system.interpolant(&places, &ball.own(normals))).collect())
+            let plate =
+                |guess: &N| system.interpolant(&places, &system.least_bending(ball.own(guess.as_ref())));
+            Ok(guesses.iter().map(plate).collect())
         };
         let mut of_balls: Vec<_> = balls.par_iter().map(plates).collect::<Result<Vec<_>, Error>>()?;
         let one = |_: &N| {
@@ -137,10 +136,9 @@ impl LocalPlates {
         let (n, m) = (points.len(), normals.len());
         assert!(n == m && n > 0, "LocalPlates: {n} points, {m} normals");
         let balls = cover(points, GROUP);
-        let agreed = agreed_normals(points, &balls, &[normals])?.remove(0);
         let plate = |ball: &Ball| -> Result<(ThinPlate, Vec<Forecast>), Error> {
             let (places, system) = ball.system(points)?;
-            let gradients = ball.own(&agreed);
+            let gradients = system.least_bending(ball.own(normals));
             let mut found = forecasts(&system, &covariances(&system), &gradients);
             for forecast in &mut found {
                 // Into the frame of the cloud; slopes have no unit.
@@ -219,32 +217,6 @@ fn cover(points: &[[f32; 3]], size: usize) -> Vec<Ball> {
         balls.push(Ball { centre, radius, members });
     }
     balls
-}
-
-/// For each guess of the normals (n x 3) those that bend the plates least (n x 3, any length): at each point the mean,
-/// by weight, of what the balls around it have found.
-fn agreed_normals<N: AsRef<[[f32; 3]]> + Sync>(
-    points: &[[f32; 3]],
-    balls: &[Ball],
-    guesses: &[N],
-) -> Result<Vec<Vec<[f32; 3]>>, Error> {
-    let find = |ball: &Ball| -> Result<Vec<Vec<f64>>, Error> {
-        let (_, system) = ball.system(points)?;
-        Ok(guesses.iter().map(|guess| system.least_bending(ball.own(guess.as_ref()))).collect())
-    };
-    let found: Vec<_> = balls.par_iter().map(find).collect::<Result<Vec<_>, Error>>()?;
-    let mean = |guess: usize| {
-        let mut sums = vec![[0.0f64; 3]; points.len()];
-        for (ball, found) in balls.iter().zip(&found) {
-            for (&i, normal) in ball.members.iter().zip(found[guess].as_chunks::<3>().0) {
-                let weight = ball.weight(points[i as usize]);
-                let sum = &mut sums[i as usize];
-                *sum = [0, 1, 2].map(|k| sum[k] + weight * normal[k]);
-            }
-        }
-        sums.into_iter().map(|sum| sum.map(|x| x as f32)).collect()
-    };
-    Ok((0..guesses.len()).map(mean).collect())
 }
 
 impl Near {

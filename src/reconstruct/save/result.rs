@@ -22,16 +22,16 @@ const FOUND: [&str; 2] = ["shape.verts", "shape.faces"];
 const FINISH: &str = "finish.points";
 
 impl Reconstruction {
-    /// Saves the result: the field, the cloud, S and the options, in the format of [`Trainer::save_checkpoint`]. The
+    /// Saves the result: the field, the cloud, S and the options, in the format of [`Trainer::save_checkpoint`](crate::Trainer::save_checkpoint). The
     /// figures of [`Reconstruction::coverage`] are not saved.
     ///
     /// # Errors
-    /// [`ErrorKind::Io`] if the file cannot be written.
+    /// [`Io`](crate::ErrorKind::Io) if the file cannot be written.
     pub fn save(&self, path: impl AsRef<Path>) -> Result<(), Error> {
         self.to_store().write(path.as_ref())
     }
 
-    /// The bytes that [`save`](Self::save) writes. [`ErrorKind::Checkpoint`] if they cannot be encoded; no case is
+    /// The bytes that [`save`](Self::save) writes. [`Checkpoint`](crate::ErrorKind::Checkpoint) if they cannot be encoded; no case is
     /// known.
     pub fn to_bytes(&self) -> Result<Vec<u8>, Error> {
         self.to_store().encode()
@@ -68,7 +68,7 @@ impl Reconstruction {
     /// same bytes. Where the file's options are not quite those of this version, [`notices`](Self::notices) says so.
     ///
     /// # Errors
-    /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or something else.
+    /// [`Io`](crate::ErrorKind::Io) if the file cannot be read, [`Checkpoint`](crate::ErrorKind::Checkpoint) if it is damaged or something else.
     pub fn load(path: impl AsRef<Path>) -> Result<Reconstruction, Error> {
         let path = path.as_ref();
         let store = Store::read(path)?;
@@ -78,7 +78,7 @@ impl Reconstruction {
     /// Reads a result from the bytes of a file, as [`load`](Self::load) does from its path.
     ///
     /// # Errors
-    /// [`ErrorKind::Checkpoint`] if they are damaged or something else.
+    /// [`Checkpoint`](crate::ErrorKind::Checkpoint) if they are damaged or something else.
     pub fn from_bytes(bytes: &[u8]) -> Result<Reconstruction, Error> {
         Self::of_store(&Store::decode(bytes)?)
     }
