@@ -23,8 +23,8 @@ impl Trainer {
     ///
     /// The file is in the safetensors format: parameters and optimiser moments now and at the last good state, S, and,
     /// as metadata, options, step and a fingerprint of the cloud, under one checksum. It appears whole or not at all.
-    /// The figures of [`Reconstruction::coverage`](crate::Reconstruction::coverage) and the codes of [`Trainer::coded`] follow from that state and are
-    /// not in it: a resumed run has them, at the step it was saved at and at its end.
+    /// The figures of [`Reconstruction::coverage`](crate::Reconstruction::coverage) and the codes of [`Trainer::coded`]
+    /// follow from that state and are not in it: a resumed run has them, at the step it was saved at and at its end.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be written.

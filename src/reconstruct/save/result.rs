@@ -22,8 +22,9 @@ const FOUND: [&str; 2] = ["shape.verts", "shape.faces"];
 const FINISH: &str = "finish.points";
 
 impl Reconstruction {
-    /// Saves the result: the field, the cloud, S and the options, in the format of [`Trainer::save_checkpoint`](crate::Trainer::save_checkpoint). The
-    /// figures of [`Reconstruction::coverage`] are not saved.
+    /// Saves the result: the field, the cloud, S and the options, in the format of
+    /// [`Trainer::save_checkpoint`](crate::Trainer::save_checkpoint). The figures of [`Reconstruction::coverage`] are
+    /// not saved.
     ///
     /// # Errors
     /// [`Io`](crate::ErrorKind::Io) if the file cannot be written.
@@ -31,8 +32,8 @@ impl Reconstruction {
         self.to_store().write(path.as_ref())
     }
 
-    /// The bytes that [`save`](Self::save) writes. [`Checkpoint`](crate::ErrorKind::Checkpoint) if they cannot be encoded; no case is
-    /// known.
+    /// The bytes that [`save`](Self::save) writes. [`Checkpoint`](crate::ErrorKind::Checkpoint) if they cannot be
+    /// encoded; no case is known.
     pub fn to_bytes(&self) -> Result<Vec<u8>, Error> {
         self.to_store().encode()
     }
@@ -68,7 +69,8 @@ impl Reconstruction {
     /// same bytes. Where the file's options are not quite those of this version, [`notices`](Self::notices) says so.
     ///
     /// # Errors
-    /// [`Io`](crate::ErrorKind::Io) if the file cannot be read, [`Checkpoint`](crate::ErrorKind::Checkpoint) if it is damaged or something else.
+    /// [`Io`](crate::ErrorKind::Io) if the file cannot be read, [`Checkpoint`](crate::ErrorKind::Checkpoint) if it is
+    /// damaged or something else.
     pub fn load(path: impl AsRef<Path>) -> Result<Reconstruction, Error> {
         let path = path.as_ref();
         let store = Store::read(path)?;
