@@ -140,12 +140,12 @@ mod tests {
             (Shape::Torus { major: 0.34, minor: 0.14 }, 0.15),
             (Shape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.02 }, 0.35),
         ] {
-            // 300 points have a plate, 600 have none.
+            // 300 points have one plate, 600 have several.
             for n in [300, 600] {
                 let points = shape.sample(n, 3).0;
                 let (values, gradients) = wavy(shape, &points);
                 let finish = Finish::fit(&points, &values, &gradients).unwrap();
-                assert_eq!(finish.plate.is_some(), n == 300);
+                assert!(finish.plate.is_some());
                 for places in [&points, &shape.sample(500, 9).0] {
                     let (mut values, gradients) = wavy(shape, places);
                     let before = mean(&values);

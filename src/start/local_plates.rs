@@ -385,7 +385,8 @@ mod tests {
         let (points, normals) = TORUS.sample(400, 8);
         let (_, found) = LocalPlates::fit_with_forecasts(&points, &normals).unwrap();
         let mut moved = points.clone();
-        // A point off the surface is not foretold by the others.
+        // A point off the surface is not foretold by the others, though their normals, which were found with it among
+        // them, have turned to it.
         moved[17] = [0, 1, 2].map(|k| points[17][k] + 0.03 * normals[17][k]);
         let (_, off) = LocalPlates::fit_with_forecasts(&moved, &normals).unwrap();
         assert!(
