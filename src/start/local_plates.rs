@@ -389,12 +389,8 @@ mod tests {
         // them, have turned to it.
         moved[17] = [0, 1, 2].map(|k| points[17][k] + 0.03 * normals[17][k]);
         let (_, off) = LocalPlates::fit_with_forecasts(&moved, &normals).unwrap();
-        assert!(
-            found[17].error < 0.01 && (off[17].error - 0.03).abs() < 0.01,
-            "{:?} {:?}",
-            found[17],
-            off[17]
-        );
+        let (found, off) = (found[17], off[17]);
+        assert!(found.error < 1e-3 && (0.015..0.035).contains(&off.error), "{found:?} {off:?}");
     }
 
     #[test]
