@@ -9,9 +9,7 @@
 use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::dist_sq;
 use crate::geometry::{KdTree, spacing};
-use crate::start::{
-    Forecast, LocalPlates, MAX_CENTRES, System, ThinPlate, covariances, directions, forecasts,
-};
+use crate::start::LeastBending;
 use rayon::prelude::*;
 
 /// Distances to the nearest point, in spacings, between which the plate's weight falls to 0.
@@ -34,41 +32,11 @@ const INTERPOLATED: usize = 5;
 pub(super) struct PlateBlend {
     /// n x 3.
     points: Vec<[f32; 3]>,
-    plate: Plate,
+    plate: LeastBending,
     /// The spacing of the points around each, n.
     spacing: Vec<f32>,
     /// The plate's mean squared error around each point, in squared spacings, n.
     doubt: Vec<f32>,
-}
-
-/// One plate through all points, or one of each part of more points than that can have.
-#[derive(Clone, Debug)]
-enum Plate {
-    Whole(ThinPlate),
-    Local(LocalPlates),
-}
-
-impl Plate {
-    /// The plate through points near these normals, and what the others predict of each point; `None` if there is none.
-    fn fit(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<(Self, Vec<Forecast>)> {
-        if points.len() > MAX_CENTRES {
-            let (plates, found) = LocalPlates::fit_with_forecasts(points, normals).ok()?;
-            return Some((Plate::Local(plates), found));
-        }
-        let centres: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
-        let system = System::new(&centres)?;
-        let gradients = system.least_bending(directions(normals));
-        let found = forecasts(&system, &covariances(&system), &gradients);
-        Some((Plate::Whole(system.interpolant(&centres, &gradients)), found))
-    }
-
-    /// Values at x (m x 3) near the points; `nearest` (m) are the points nearest to each.
-    fn value(&self, x: &[[f32; 3]], nearest: &[u32]) -> Vec<f32> {
-        match self {
-            Plate::Whole(plate) => plate.value(x),
-            Plate::Local(plates) => plates.value(x, nearest),
-        }
-    }
 }
 
 impl PlateBlend {
@@ -79,7 +47,7 @@ impl PlateBlend {
     /// [`ErrorKind::Data`] if no plate is determined by the points.
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Result<Self, Error> {
         let undetermined = || Error::new(ErrorKind::Data, "the points determine no surface of least bending");
-        let (plate, found) = Plate::fit(points, normals).ok_or_else(undetermined)?;
+        let (plate, found) = LeastBending::fit_with_forecasts(points, normals)?;
         let spacing: Vec<f32> = spacing(points).into_iter().map(|s| s as f32).collect();
         // f over its slope is the distance to the surface, to first order.
         let missed: Vec<f64> = found.iter().map(|f| f.error / f.slope.max(MIN_SLOPE)).collect();
@@ -115,6 +83,10 @@ impl PlateBlend {
         let nearest: Vec<u32> = rows.iter().map(|&i| nearest[k * i]).collect();
         for (&i, plate) in rows.iter().zip(self.plate.value(&near, &nearest)) {
             let LocalTrust { spacing, weight } = around[i];
+            // Beside a lone point no plate may reach.
+            if plate.is_nan() {
+                continue;
+            }
             let weight = weight * falling((plate - values[i]).abs() / spacing, AGREE);
             values[i] += weight * (plate - values[i]);
         }
@@ -182,6 +154,18 @@ mod tests {
                 assert!(f.abs() < 1e-3, "{f} of {n} points");
             }
         }
+    }
+
+    /// A point far from the others is in no ball but its own, or at the rim of theirs.
+    #[test]
+    fn around_a_lone_point_every_value_is_a_number() {
+        let (mut points, mut normals) = (sphere(600, 0.2), sphere(600, 1.0));
+        points.push([0.45, 0.0, 0.0]);
+        normals.push([1.0, 0.0, 0.0]);
+        let blend = PlateBlend::fit(&points, &normals).unwrap();
+        let x: Vec<[f32; 3]> = (1..100).flat_map(|i| sphere(40, 0.004 * i as f32)).collect();
+        let x: Vec<[f32; 3]> = x.into_iter().map(|[a, b, c]| [a + 0.45, b, c]).collect();
+        assert!(into(&blend, &x, 0.01).iter().all(|f| f.is_finite()));
     }
 
     #[test]

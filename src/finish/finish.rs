@@ -8,14 +8,12 @@
 use super::blend::PlateBlend;
 use super::residual::Residual;
 use crate::error::{Error, ErrorKind};
+use crate::start::MAX_PLATE_POINTS;
 use std::ops::RangeInclusive;
 
 /// The sizes of clouds that fields are finished for: fewer points predict nothing, more take too much memory (some
 /// 130 pairs within the reach of a point of an even surface, 8 bytes each).
 pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
-
-/// Points up to which the surface of least bending is blended in: it takes some milliseconds a point.
-const MAX_PLATE_POINTS: usize = 1 << 18;
 
 /// Places beyond this, working frame, are no places of a neighbour search.
 const FAR: f32 = 1e6;

@@ -6,7 +6,9 @@ use crate::bsp::Neighbourhood;
 use crate::error::Error;
 use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
 use crate::loss::Direction;
-use crate::start::{DENOISED_POINTS, Denoised, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes};
+use crate::start::{
+    DENOISED_POINTS, Denoised, MAX_PLATE_POINTS, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes,
+};
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
@@ -15,9 +17,6 @@ const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
 /// Points up to which all of them are tried.
 const MAX_RADII_POINTS: usize = 1024;
-
-/// Points up to which the surface of least bending is looked for: it takes a millisecond a point.
-const MAX_PLATE_POINTS: usize = 1 << 18;
 
 /// The shape that a run begins with.
 pub(super) struct FirstShape {

@@ -1,6 +1,6 @@
 //! Candidates for the first shape: closed surfaces found among the points, and which of them fits the points best.
 
-use super::{GaussField, LocalPlates, MAX_CENTRES, ThinPlate, USUAL_AREA, resolution_for_area};
+use super::{GaussField, LeastBending, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{
     NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points, sample_surface, spacing,
@@ -156,31 +156,6 @@ const PLATE_RESOLUTION: usize = 64;
 /// What this grows to with the number of points.
 const MAX_PLATE_RESOLUTION: usize = 400;
 
-/// The surface of least bending through points: one plate, or for more points than that can have, one of each part.
-enum Plate {
-    Whole(ThinPlate),
-    Local(LocalPlates),
-}
-
-impl Plate {
-    /// One for each guess of the normals (n x 3) at `points` (n x 3).
-    fn fit_each(points: &[[f32; 3]], guesses: &[Vec<[f32; 3]>]) -> Result<Vec<Self>, Error> {
-        Ok(if points.len() <= MAX_CENTRES {
-            ThinPlate::fit_each(points, guesses)?.into_iter().map(Plate::Whole).collect()
-        } else {
-            LocalPlates::fit_each(points, guesses)?.into_iter().map(Plate::Local).collect()
-        })
-    }
-
-    /// Values at x (m x 3) near the points; `nearest` (m) are the points nearest to each.
-    fn value(&self, x: &[[f32; 3]], nearest: &[u32]) -> Vec<f32> {
-        match self {
-            Plate::Whole(plate) => plate.value(x),
-            Plate::Local(plates) => plates.value(x, nearest),
-        }
-    }
-}
-
 /// Cubes along each side of the grid for the plate of n points whose rough surface has the given area: 64, or so many
 /// more as the area is small ([`resolution_for_area`]) and as more than 1,200 points lie closer together.
 fn plate_resolution(area: f64, n: usize) -> usize {
@@ -190,17 +165,16 @@ fn plate_resolution(area: f64, n: usize) -> usize {
     ((resolution as f64 * closer) as usize).min(most)
 }
 
-/// Surfaces of least bending through `points` (n x 3, working frame), see [`ThinPlate`], where points are near; one of
-/// the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
+/// Surfaces of least bending through `points` (n x 3, working frame), see [`LeastBending`], where points are near; one
+/// of the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
 /// surface's normals at the points are the first guess of theirs. One surface for each rough one, in their order,
 /// without those that cannot be extracted.
 ///
 /// They are taken from grids of 64 cubes a side, or finer ones where the rough one has little area for so
-/// many points ([`resolution_for_area`]) or there are more than 1,200; up to 500 points have one plate, more
-/// [`LocalPlates`].
+/// many points ([`resolution_for_area`]) or there are more than 1,200.
 ///
 /// # Errors
-/// As [`ThinPlate::fit`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:
+/// As [`LeastBending::fit_each`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:
 /// [`NoSurface`](crate::ErrorKind::NoSurface) where nothing is enclosed.
 ///
 /// # Panics
@@ -210,9 +184,9 @@ pub fn plate_shapes(points: &[[f32; 3]], rough: &[TriangleMesh]) -> Result<Vec<T
     assert!(!rough.is_empty(), "plate_shapes: no rough surface");
     let trees: Vec<TriangleBvh> = rough.iter().map(TriangleBvh::new).collect::<Result<_, _>>()?;
     let guesses: Vec<Vec<[f32; 3]>> = trees.iter().map(|tree| tree.normals_near(points)).collect();
-    let plates = Plate::fit_each(points, &guesses)?;
+    let plates = LeastBending::fit_each(points, &guesses)?;
     let spacing = spacing(points);
-    let surface = |(plate, tree, rough): (&Plate, &TriangleBvh, &TriangleMesh)| {
+    let surface = |(plate, tree, rough): (&LeastBending, &TriangleBvh, &TriangleMesh)| {
         let mut eval = |x: &[[f32; 3]]| {
             let (nearest, dist_sq) = nearest_points(x, points);
             let mut values = plate.value(x, &nearest);
@@ -221,7 +195,9 @@ pub fn plate_shapes(points: &[[f32; 3]], rough: &[TriangleMesh]) -> Result<Vec<T
                 let far = dist_sq[i].sqrt() / spacing[nearest[i] as usize] as f32;
                 let share = ((far - from) / (to - from)).clamp(0.0, 1.0);
                 let share = share * share * (3.0 - 2.0 * share);
-                if share > 0.0 {
+                if value.is_nan() {
+                    *value = tree.signed_distance(x[i]).0;
+                } else if share > 0.0 {
                     *value = (1.0 - share) * *value + share * tree.signed_distance(x[i]).0;
                 }
             });

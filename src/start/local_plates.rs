@@ -11,7 +11,7 @@
 
 use super::forecast::{Forecast, covariances, forecasts};
 use super::plate::{System, ThinPlate, directions};
-use crate::error::{Error, ErrorKind};
+use crate::error::Error;
 use crate::geometry::vec3::distance;
 use crate::geometry::{KdTree, spacing};
 use rayon::prelude::*;
@@ -54,14 +54,9 @@ impl Ball {
         [0, 1, 2].map(|k| (f64::from(x[k]) - f64::from(self.centre[k])) / self.radius)
     }
 
-    /// The problem of its plate, in its own frame.
-    fn system(&self, points: &[[f32; 3]]) -> Result<(Vec<[f64; 3]>, System), Error> {
-        let places: Vec<[f64; 3]> = self.members.iter().map(|&i| self.local(points[i as usize])).collect();
-        let system = System::new(&places).ok_or_else(|| {
-            Error::new(ErrorKind::Data, "the points determine no surface of least bending")
-                .advise("check that the points do not lie in a few places only")
-        })?;
-        Ok((places, system))
+    /// Its points in its own frame.
+    fn places(&self, points: &[[f32; 3]]) -> Vec<[f64; 3]> {
+        self.members.iter().map(|&i| self.local(points[i as usize])).collect()
     }
 
     /// What `all` (n x 3) has for its points.
@@ -101,18 +96,18 @@ impl LocalPlates {
         guesses: &[N],
     ) -> Result<Vec<Self>, Error> {
         for normals in guesses {
-            let (n, m) = (points.len(), normals.as_ref().len());
-            assert!(n == m && n > 0, "LocalPlates: {n} points, {m} normals");
+            check_normals(points, normals.as_ref());
         }
         let balls = cover(points, GROUP);
-        let near = Near::of(&balls, points);
         let plates = |ball: &Ball| -> Result<Vec<ThinPlate>, Error> {
-            let (places, system) = ball.system(points)?;
+            let places = ball.places(points);
+            let system = System::determined(&places)?;
             let plate =
                 |guess: &N| system.interpolant(&places, &system.least_bending(ball.own(guess.as_ref())));
             Ok(guesses.iter().map(plate).collect())
         };
         let mut of_balls: Vec<_> = balls.par_iter().map(plates).collect::<Result<Vec<_>, Error>>()?;
+        let near = Near::of(&balls, points);
         let one = |_: &N| {
             let plates = of_balls.iter_mut().map(|plates| plates.remove(0));
             LocalPlates { plates: balls.iter().map(Ball::bare).zip(plates).collect(), near: near.clone() }
@@ -133,11 +128,11 @@ impl LocalPlates {
         points: &[[f32; 3]],
         normals: &[[f32; 3]],
     ) -> Result<(Self, Vec<Forecast>), Error> {
-        let (n, m) = (points.len(), normals.len());
-        assert!(n == m && n > 0, "LocalPlates: {n} points, {m} normals");
+        check_normals(points, normals);
         let balls = cover(points, GROUP);
         let plate = |ball: &Ball| -> Result<(ThinPlate, Vec<Forecast>), Error> {
-            let (places, system) = ball.system(points)?;
+            let places = ball.places(points);
+            let system = System::determined(&places)?;
             let gradients = system.least_bending(ball.own(normals));
             let mut found = forecasts(&system, &covariances(&system), &gradients);
             for forecast in &mut found {
@@ -149,7 +144,7 @@ impl LocalPlates {
         };
         let found: Vec<_> = balls.par_iter().map(plate).collect::<Result<Vec<_>, Error>>()?;
         let none = Forecast { error: f64::NAN, variance: f64::NAN, slope: f64::NAN };
-        let mut best = vec![(0.0, none); n];
+        let mut best = vec![(0.0, none); points.len()];
         for (ball, (_, found)) in balls.iter().zip(&found) {
             for (&i, &forecast) in ball.members.iter().zip(found) {
                 let weight = ball.weight(points[i as usize]);
@@ -165,7 +160,7 @@ impl LocalPlates {
     }
 
     /// f at places `x` (m x 3): negative inside, and about the signed distance near the points. `nearest` (m) are the
-    /// points nearest to each; 0 where that is some two spacings away or more, and no plate reaches.
+    /// points nearest to each. NaN where no plate reaches: all within two spacings of a point that is not alone do.
     ///
     /// # Panics
     /// If there is not one nearest point a place.
@@ -182,7 +177,7 @@ impl LocalPlates {
         out
     }
 
-    /// The mean of the plates at x, by their weights; 0 if none reaches.
+    /// The mean of the plates at x, by their weights; NaN if none reaches.
     fn blended(&self, x: [f32; 3], balls: &[u32]) -> f64 {
         let (mut sum, mut total) = (0.0, 0.0);
         for &b in balls {
@@ -194,8 +189,15 @@ impl LocalPlates {
                 total += weight;
             }
         }
-        if total > 0.0 { sum / total } else { 0.0 }
+        // 0 / 0 where none reaches.
+        sum / total
     }
+}
+
+#[track_caller]
+fn check_normals(points: &[[f32; 3]], normals: &[[f32; 3]]) {
+    let (n, m) = (points.len(), normals.len());
+    assert!(n == m && n > 0, "LocalPlates: {n} points, {m} normals");
 }
 
 /// Balls of `size` points each (all, if there are fewer) that hold every point: the first point that lies well inside
@@ -255,6 +257,7 @@ impl Near {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::error::ErrorKind;
     use crate::geometry::{Shape, nearest_points};
     use proptest::prelude::*;
 
@@ -394,9 +397,9 @@ mod tests {
     }
 
     #[test]
-    fn far_places_are_0_and_points_in_one_place_an_error() {
+    fn no_plate_reaches_far_places_and_points_in_one_place_an_error() {
         let (_, plates) = fitted(200, 1);
-        assert_eq!(plates.value(&[[5.0; 3]], &[0]), [0.0]);
+        assert!(plates.value(&[[5.0; 3]], &[0])[0].is_nan());
         let error = LocalPlates::fit_each(&[[0.25; 3]; 6], &[[[0.0, 0.0, 1.0]; 6]]).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::Data);
     }

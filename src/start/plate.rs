@@ -55,10 +55,7 @@ impl ThinPlate {
             assert!(n == m, "ThinPlate: {n} points, {m} normals");
         }
         let points: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
-        let system = System::new(&points).ok_or_else(|| {
-            Error::new(ErrorKind::Data, "the points determine no surface of least bending")
-                .advise("check that the points do not all lie in one place")
-        })?;
+        let system = System::determined(&points)?;
         let function =
             |normals: &N| system.interpolant(&points, &system.least_bending(directions(normals.as_ref())));
         Ok(guesses.par_iter().map(function).collect())
@@ -138,6 +135,17 @@ impl System {
         let planes = s * z.transpose();
         let energy = inverse - z * &planes;
         (energy.iter().all(|x| x.is_finite())).then_some(System { energy, planes })
+    }
+
+    /// As [`new`](Self::new).
+    ///
+    /// # Errors
+    /// [`ErrorKind::Data`] if the points leave it singular, as points that all coincide do.
+    pub fn determined(points: &[[f64; 3]]) -> Result<Self, Error> {
+        Self::new(points).ok_or_else(|| {
+            Error::new(ErrorKind::Data, "the points determine no surface of least bending")
+                .advise("check that the points do not all lie in one place")
+        })
     }
 
     /// The problem whose function need not vanish at the points: what is least then is the bending energy plus the sum
