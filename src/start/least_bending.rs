@@ -1,5 +1,5 @@
-//! The surface of least bending through the points of a cloud, whatever their number: one thin plate, or for more points
-//! than that can have, one of each part of the cloud.
+//! The surface of least bending through the points of a cloud, whatever their number: one thin plate, or for more
+//! points than that can have, one of each part of the cloud.
 
 use super::forecast::{Forecast, covariances, forecasts};
 use super::local_plates::LocalPlates;
