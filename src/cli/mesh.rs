@@ -9,9 +9,8 @@ use super::Common;
 use super::carry::{Carried, all, check_format};
 use super::failure::Failure;
 use super::files::{Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, write_bytes};
-use super::machine::check_memory;
+use super::fineness::FinenessArgs;
 use super::preview::{View, ViewArgs, check_picture, render};
-use super::reconstruct::RESOLUTION;
 use super::report::{gate, gate_open};
 use super::trim::{Part, TrimArgs};
 
@@ -23,9 +22,8 @@ pub struct MeshArgs {
     /// The mesh to write (ply, obj, stl, off, glb), or `-`
     #[arg(short, long, value_name = "FILE")]
     output: PathBuf,
-    /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost
-    #[arg(long, default_value_t = RESOLUTION, value_parser = super::reconstruct::resolution_parser())]
-    resolution: usize,
+    #[command(flatten)]
+    fineness: FinenessArgs,
     /// Format of the mesh [default: by extension; ply for `-`]
     #[arg(long, value_parser = format_parser())]
     output_format: Option<Format>,
@@ -57,7 +55,7 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     }
     let field = Input::read(&args.field, None)?.field()?;
     field.notices().iter().for_each(|notice| common.note(notice));
-    check_memory(field.config(), args.resolution, common)?;
+    args.fineness.check(field.config(), common)?;
     let carried = match &args.carry {
         Some(path) => {
             let options = ReadOptions { attributes: true, ..Default::default() };
@@ -68,7 +66,8 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
         }
         None => Carried::default(),
     };
-    let Part { mesh, cut, support } = args.trim.part(field.mesh(args.resolution)?, field.cloud(), common)?;
+    let mesh = args.fineness.of(field.cloud().len()).mesh(&field)?;
+    let Part { mesh, cut, support } = args.trim.part(mesh, field.cloud(), common)?;
     let topology = mesh.topology();
     output.write_mesh(&mesh, &all(support, carried.at(&mesh.verts)?))?;
     if let Some(path) = &args.view.preview {

@@ -15,6 +15,7 @@ mod demo;
 mod evaluate;
 mod failure;
 mod files;
+mod fineness;
 mod info;
 mod interrupt;
 mod json;

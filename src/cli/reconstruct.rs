@@ -10,7 +10,6 @@ use bijective_sdf::io::Format;
 use bijective_sdf::reconstruct::{Config, Preset, Reconstruction, Saved, SavedKind};
 use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
-use clap::builder::TypedValueParser;
 
 use super::Common;
 use super::carry::{Carried, all, check_format};
@@ -22,10 +21,10 @@ use super::files::{
     CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, is_pipe,
     is_same_file, offset_text, print, say, write_bytes,
 };
+use super::fineness::FinenessArgs;
 use super::interrupt::Interrupt;
 use super::json::{Object, list, number, quoted};
 use super::lock::Lock;
-use super::machine::check_memory;
 use super::preview::{View, ViewArgs, check_picture, render};
 use super::reading::ReadArgs;
 use super::report::{gate, gate_open, passes_gate, topology_json};
@@ -33,15 +32,8 @@ use super::settings::Settings;
 use super::train::{Plan, Trained, train};
 use super::trim::TrimArgs;
 
-/// Cubes along the longest side of the grid that a mesh is taken from.
-pub const RESOLUTION: usize = 128;
 /// Seconds between two checkpoints.
 const CHECKPOINT_SECONDS: u64 = 60;
-
-/// Parses the resolution of a mesh.
-pub fn resolution_parser() -> impl TypedValueParser<Value = usize> {
-    clap::value_parser!(u16).range(8..=1024).map(usize::from)
-}
 
 /// Arguments of `reconstruct`.
 #[derive(Debug, Args)]
@@ -53,9 +45,8 @@ pub struct ReconstructArgs {
     output: PathBuf,
     #[command(flatten)]
     settings: Settings,
-    /// Cubes along the longest side of the grid that the mesh is taken from; what is thinner than a cube may get lost
-    #[arg(long, default_value_t = RESOLUTION, value_parser = resolution_parser())]
-    resolution: usize,
+    #[command(flatten)]
+    fineness: FinenessArgs,
     #[command(flatten)]
     reading: ReadArgs,
     /// Points that belong to no surface, far from all others and off the surface that these suggest
@@ -128,7 +119,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if args.codes.is_some() && config.parameterization != Parameterization::Bsp {
         return Err(Failure::Usage("--codes needs codes, which only parameterization=bsp has".into()));
     }
-    check_memory(&config, args.resolution, common)?;
+    args.fineness.check(&config, common)?;
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
     let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
@@ -185,7 +176,8 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     }
     report.failures.extend(std::mem::replace(&mut trained.checkpoint, Ok(())).err());
     let meshing = Instant::now();
-    let meshed = trained.field.mesh(args.resolution).map_err(Failure::from);
+    let fineness = args.fineness.of(trained.field.cloud().len());
+    let meshed = fineness.mesh(&trained.field).map_err(Failure::from);
     let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.cloud(), common));
     let mesh_seconds = meshing.elapsed().as_secs_f64();
     let part = part.and_then(|mut part| {
@@ -239,7 +231,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .raw("notices", list(notices.iter().map(|n| quoted(n))))
             .text("preset", preset)
             .raw("seed", config.seed)
-            .count("resolution", args.resolution);
+            .raw("resolution", fineness.json());
         let seconds = Object::new()
             .number("train", trained.seconds)
             .number("mesh", mesh_seconds)
@@ -293,7 +285,8 @@ fn write_field(path: &Path, field: &Reconstruction) -> Result<(), Failure> {
 
 /// The command that makes the mesh from the field.
 fn go_on(field: &Path, args: &ReconstructArgs) -> String {
-    let mut options = args.trim.trim.map_or(String::new(), |factor| format!(" --trim={factor}"));
+    let mut options = args.fineness.again();
+    options += &args.trim.trim.map_or(String::new(), |factor| format!(" --trim={factor}"));
     if args.trim.support {
         options += " --support";
     }

@@ -3,6 +3,7 @@
 mod attribute;
 mod bounds;
 mod cloud;
+mod even;
 mod farthest;
 mod figures;
 mod grid;
@@ -19,13 +20,14 @@ pub use attribute::{Attribute, Number};
 pub(crate) use attribute::{COLOUR, colours};
 pub use bounds::{Bounds, Normalizer};
 pub use cloud::{CleanCloud, clean_cloud, distinct_places};
+pub(crate) use even::{evened, surface_spacing};
 pub use farthest::farthest_point_sample;
 pub use figures::{shortest, significant};
 pub use grid::{
     ActiveSet, BandTopology, FieldFn, Isosurface, NarrowBandOptions, TetGrid, active_set, extract,
     interpolate, march,
 };
-pub(crate) use grid::{MARGIN, along, crossing_share};
+pub(crate) use grid::{CellSizes, MARGIN, WORKING_CUBE, along, crossing_share, extract_graded};
 pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
 pub(crate) use mesh::{connected, cumulative_areas};
 pub use position::{Position, about, are_f32, widened};

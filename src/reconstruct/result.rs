@@ -7,7 +7,8 @@ use crate::error::{Error, ErrorKind};
 use crate::field::Field;
 use crate::finish::{FINISHED_POINTS, Finish};
 use crate::geometry::{
-    Bounds, KdTree, NarrowBandOptions, Normalizer, Position, TetGrid, TriangleBvh, TriangleMesh, extract,
+    Bounds, CellSizes, KdTree, NarrowBandOptions, Normalizer, Position, TetGrid, TriangleBvh, TriangleMesh,
+    WORKING_CUBE, extract, extract_graded,
 };
 use crate::io::GridValues;
 use rayon::prelude::*;
@@ -102,6 +103,9 @@ impl Shape {
 /// Cubes along each side of the lattice that the surface is searched from: a part that is smaller than these cubes,
 /// near no point and joined to nothing that is may be missed, and is not wanted.
 const COARSE: usize = 16;
+
+/// The cells of a graded mesh between neighbouring points.
+const CELLS_BETWEEN: f64 = 2.0;
 
 /// How far a grid of distances reaches beyond the cloud, working frame.
 const BEYOND: f64 = 0.08;
@@ -215,6 +219,21 @@ impl Reconstruction {
         Ok(TriangleMesh { verts: self.normalizer.place(&mesh.verts), faces: mesh.faces })
     }
 
+    /// The zero level set as a closed mesh, from cells that are everywhere about half as large as the points lie apart
+    /// there: for large clouds, and those that are dense in one place and sparse in another. Parts are left out as from
+    /// [`mesh`](Self::mesh).
+    ///
+    /// # Errors
+    /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid, [`ErrorKind::Diverged`] if it is not
+    /// finite, [`ErrorKind::Config`] if there are too many points for it.
+    pub fn graded_mesh(&self) -> Result<TriangleMesh<[f64; 3]>, Error> {
+        let sizes = CellSizes::of_surface(&self.normalizer.forward(&self.cloud), CELLS_BETWEEN);
+        let [low, side] = WORKING_CUBE;
+        let mesh = extract_graded([low; 3], side, &sizes, &mut |x| Ok(self.working_sdf(x)))?;
+        let mesh = mesh.keep_large(self.config.min_component);
+        Ok(TriangleMesh { verts: self.normalizer.place(&mesh.verts), faces: mesh.faces })
+    }
+
     /// What to subtract from coordinates of this result so that 32 bits hold their detail: 0 for a cloud near the
     /// origin, else round numbers near its middle, see [`Bounds::offset`].
     pub fn offset(&self) -> [f64; 3] {
@@ -304,6 +323,7 @@ pub(super) fn zero_level_set(
 mod tests {
     use super::super::tests::{ball, quick, run, tiny};
     use super::*;
+    use crate::geometry::Shape;
     use crate::reconstruct::{Preset, Trainer};
 
     #[test]
@@ -347,6 +367,22 @@ mod tests {
             let radial = [x[i][0] - 10.0, x[i][1] + 4.0, x[i][2]];
             assert!((0..3).map(|k| radial[k] * gradient[k]).sum::<f32>() > 0.0);
         }
+    }
+
+    /// A torus whose one half has many times the points of the other.
+    #[test]
+    fn a_graded_mesh_is_as_fine_as_the_points() {
+        let torus = Shape::Torus { major: 0.34, minor: 0.14 };
+        let half = |n: usize, side: f32| torus.sample(n, 3).0.into_iter().filter(move |p| side * p[0] > 0.0);
+        let points: Vec<[f32; 3]> = half(3000, 1.0).chain(half(150, -1.0)).collect();
+        let result = run(&points, &Config::preset(Preset::Start));
+        let mesh = result.graded_mesh().unwrap();
+        let topology = mesh.topology();
+        assert!(topology.closed && topology.genus == Some(1), "{topology}");
+        let side = |sign: f64| mesh.verts.iter().filter(|v| sign * v[0] > 0.1).count();
+        assert!(side(1.0) > 4 * side(-1.0), "{} {}", side(1.0), side(-1.0));
+        let off = mesh.verts.iter().map(|v| torus.sdf(v.map(|x| x as f32)).abs()).fold(0.0, f32::max);
+        assert!(off < 0.03, "{off}");
     }
 
     #[test]

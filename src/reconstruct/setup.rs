@@ -7,13 +7,15 @@ use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::Error;
 use crate::field::Field;
 use crate::gdo::Deformation;
-use crate::geometry::{Normalizer, Position, TetGrid, clean_cloud, thin_cloud};
+use crate::geometry::{Normalizer, Position, TetGrid, clean_cloud, evened, thin_cloud};
 use crate::random::Random;
 use crate::start::resolution_for_area;
 use rand::seq::SliceRandom;
 
 /// The stream of random numbers that orders the cloud; weights take stream 0, training step i takes i + 1.
 const ORDER_STREAM: u64 = u64::MAX;
+/// Points from which on a cloud of lines is made even.
+const MIN_EVENED: usize = 2000;
 /// A cloud is not thinned to fewer points than these.
 const MIN_THINNED: usize = 64;
 
@@ -69,7 +71,7 @@ impl Setup {
     /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if no first shape is found.
     pub fn new(prepared: Prepared) -> Result<(Setup, State), Error> {
         let Prepared { config, input, normalizer, .. } = prepared;
-        let given = thinned(normalizer.forward(&input), &config);
+        let given = thinned(evenly(normalizer.forward(&input)), &config);
         let shape = FirstShape::find(&given, &config)?;
         let denoised = shape.as_ref().and_then(|shape| shape.denoised.as_ref());
         let cloud = denoised.map_or(given, |denoised| denoised.points.clone());
@@ -111,6 +113,12 @@ impl Setup {
         let denoised = self.shape.as_ref().and_then(|shape| shape.denoised.as_ref());
         denoised.map_or(0.0, |denoised| denoised.moved)
     }
+}
+
+/// A large cloud with means in place of points that lie close to each other along lines.
+fn evenly(cloud: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
+    let found = if cloud.len() >= MIN_EVENED { evened(&cloud) } else { None };
+    found.unwrap_or(cloud)
 }
 
 /// The points of a large cloud that training works with.

@@ -2,14 +2,16 @@
 
 use crate::error::Error;
 use crate::geometry::vec3::distance;
-use crate::geometry::{KdTree, Normalizer, Position};
+use crate::geometry::{KdTree, Normalizer, Position, surface_spacing};
 use rayon::prelude::*;
 
-/// Nearest points whose farthest measures the spacing around a point: as many as there are on a disc of that radius. On
-/// a spinning scanner's rings, which are farther apart than the points along them, fewer would all be of one ring.
-const NEIGHBOURS: usize = 24;
 /// Nearest points over whose spacings the mean is taken, so that the spacing does not jump from place to place.
 const AVERAGED: usize = 8;
+/// The share of the points that have a spacing of their own. What is [`MAX_EXCESS`] times sparser than all of these is a
+/// scatter and no surface.
+const USUAL: f64 = 0.9;
+/// The spacing at a point is at most this many times the largest of the usual ones.
+const MAX_EXCESS: f64 = 1.5;
 /// Places that one thread works on at a time.
 const CHUNK: usize = 256;
 
@@ -26,8 +28,10 @@ pub struct Support {
 /// How well `points` (n x 3) speak for each of `places` (m x 3, in the same frame), of 32 or 64 bits each.
 ///
 /// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a
-/// disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). At a
-/// place it is the mean over the eight nearest points.
+/// disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). Where a
+/// scanner left lines that lie far from each other, it is about as large as the lines are apart. It is at most one and
+/// a half times that which nine tenths of the points stay below: what is sparser is a scatter. At a place the spacing
+/// is the mean over the eight nearest points.
 ///
 /// # Errors
 /// [`ErrorKind::Data`](crate::ErrorKind::Data) if there are fewer than two distinct points or a coordinate of the
@@ -40,7 +44,7 @@ pub fn support<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<S
     // In the working frame, where squares neither overflow nor vanish.
     let frame = Normalizer::of(points)?;
     let (places, points) = (frame.forward(places), frame.forward(points));
-    let spacing = spacings(&points);
+    let spacing = capped(spacings(&points));
     let tree = KdTree::new(&points);
     let averaged = AVERAGED.min(points.len());
     let chunk = |places: &[[f32; 3]]| {
@@ -75,15 +79,19 @@ pub fn nearest_of<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Resul
 
 /// The spacing at each point.
 fn spacings(points: &[[f32; 3]]) -> Vec<f64> {
-    // Each point is the nearest to itself.
-    let k = NEIGHBOURS.min(points.len() - 1);
-    let near = KdTree::new(points).k_nearest(points, k + 1);
-    let share = (std::f64::consts::PI / k as f64).sqrt();
-    let one = |(p, near): (&[f32; 3], &[u32])| share * distance(*p, points[near[k] as usize]);
-    let spacing: Vec<f64> = points.iter().zip(near.chunks_exact(k + 1)).map(one).collect();
+    let spacing = surface_spacing(points);
     // Points that more than k others share their place with have no spacing of their own.
     let least = spacing.iter().copied().filter(|&s| s > 0.0).fold(f64::INFINITY, f64::min);
     spacing.into_iter().map(|s| if s > 0.0 { s } else { least }).collect()
+}
+
+/// Spacings no larger than 1.5 times that which nine tenths of the points stay below.
+fn capped(mut spacing: Vec<f64>) -> Vec<f64> {
+    let mut sorted = spacing.clone();
+    sorted.sort_unstable_by(f64::total_cmp);
+    let most = MAX_EXCESS * sorted[(USUAL * (sorted.len() - 1) as f64).ceil() as usize];
+    spacing.iter_mut().for_each(|s| *s = s.min(most));
+    spacing
 }
 
 #[cfg(test)]
@@ -109,13 +117,16 @@ mod tests {
             let k = 24.min(n - 1);
             let spacing: Vec<f64> =
                 points.iter().map(|p| sorted(p)[k].0 * (std::f64::consts::PI / k as f64).sqrt()).collect();
+            let mut all = spacing.clone();
+            all.sort_by(f64::total_cmp);
+            let most = 1.5 * all[(0.9 * (n - 1) as f64).ceil() as usize];
             let got = support(&places, &points).unwrap();
             let nearest = nearest_of(&places, &points).unwrap();
             prop_assert!(places.iter().zip(nearest).all(|(p, i)| sorted(p)[0].1 == i as usize));
             for (place, (got, wide)) in places.iter().zip(got.gap.iter().zip(&got.spacing)) {
                 let near = sorted(place);
                 let m = 8.min(n);
-                let mean = near[..m].iter().map(|&(_, i)| spacing[i]).sum::<f64>() / m as f64;
+                let mean = near[..m].iter().map(|&(_, i)| spacing[i].min(most)).sum::<f64>() / m as f64;
                 let want = near[0].0 / mean;
                 prop_assert!((f64::from(*got) - want).abs() < 1e-4 * want, "{got} is not {want}");
                 prop_assert!((f64::from(*wide) - mean).abs() < 1e-4 * mean, "{wide} is not {mean}");
@@ -132,6 +143,37 @@ mod tests {
         // Half a radius off, over the side of a 500th of the sphere, 0.159.
         let far = support(&off, &sphere).unwrap().gap;
         assert!(far.iter().all(|gap| (2.9..3.4).contains(gap)), "{far:?}");
+    }
+
+    /// A scatter beside a surface, each point of it far from all others, does not speak for what is among it.
+    #[test]
+    fn a_scatter_is_no_surface() {
+        let mut points = fibonacci_sphere(500);
+        let scatter: Vec<[f32; 3]> =
+            fibonacci_sphere(30).into_iter().map(|p| [p[0] + 3.0, p[1], p[2]]).collect();
+        points.extend(&scatter);
+        // Half a spacing of the scatter off its points.
+        let among: Vec<[f32; 3]> = scatter.iter().map(|p| [p[0] + 0.3, p[1], p[2]]).collect();
+        let gap = support(&among, &points).unwrap().gap;
+        assert!(gap.iter().filter(|&&gap| gap > 1.0).count() > 25, "{gap:?}");
+    }
+
+    /// Rings 0.05 apart, the points 0.004 apart along them: what lies between neighbouring rings is spoken for.
+    #[test]
+    fn between_the_lines_of_a_scanner_is_surface() {
+        let ring = |r: f32, step: f32| {
+            let n = (r * std::f32::consts::TAU / step) as usize;
+            (0..n).map(move |i| {
+                let (s, c) = (i as f32 / n as f32 * std::f32::consts::TAU).sin_cos();
+                [r * c, r * s, 0.0]
+            })
+        };
+        let points: Vec<[f32; 3]> = (4..14).flat_map(|i| ring(0.05 * i as f32, 0.004)).collect();
+        let between: Vec<[f32; 3]> = (5..12).flat_map(|i| ring(0.05 * i as f32 + 0.025, 0.1)).collect();
+        let gap = support(&between, &points).unwrap().gap;
+        assert!(gap.iter().all(|&gap| gap < 1.0), "{gap:?}");
+        let beyond = support(&ring(0.8, 0.1).collect::<Vec<_>>(), &points).unwrap().gap;
+        assert!(beyond.iter().all(|&gap| gap > 1.5), "{beyond:?}");
     }
 
     #[test]

@@ -3,7 +3,8 @@
 use super::{GaussField, LeastBending, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{
-    NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points, sample_surface, spacing,
+    CellSizes, NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, WORKING_CUBE, extract, extract_graded,
+    nearest_points, sample_surface, spacing,
 };
 use rayon::prelude::*;
 
@@ -12,7 +13,7 @@ const GAUSS_RESOLUTION: (usize, usize) = (48, 1024);
 /// The same for larger clouds: sheets that are thin against the cubes come out in shreds (`benches/accuracy.md`,
 /// constants).
 const GAUSS_FINE_RESOLUTION: usize = 96;
-/// Points for which these grids, and that of the thin plate, are fine enough on a surface of usual area: they lie 2.4
+/// Points for which these grids, and that of one thin plate, are fine enough on a surface of usual area: they lie 2.4
 /// of the 64 cubes apart.
 const POINTS_SERVED: f64 = 1200.0;
 /// Cubes along each side of the lattice that a surface is searched from: what is smaller than these cubes and near no
@@ -150,28 +151,27 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
 
 /// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the Gauss formula.
 const TRUST: (f32, f32) = (0.7, 1.2);
-/// Cubes along each side of the grid that the thin plate's surface is taken from, if the rough one is not small:
+/// The same for clouds of many points, where the plate is nearer to the truth beyond the rims of open surfaces, too.
+/// Between the few points of thin sheets it is not (`benches/accuracy.md`).
+const TRUST_OF_MANY: (f32, f32) = (1.5, 2.5);
+/// Points from which on a cloud has many.
+const MANY_POINTS: usize = 4096;
+/// Cubes along each side of the grid that the surface of one thin plate is taken from, if the rough one is not small:
 /// blades and legs come out in shreds on a grid that does not depend on the area.
 const PLATE_RESOLUTION: usize = 64;
-/// What this grows to with the number of points.
-const MAX_PLATE_RESOLUTION: usize = 400;
-
-/// Cubes along each side of the grid for the plate of n points whose rough surface has the given area: 64, or so many
-/// more as the area is small ([`resolution_for_area`]) and as more than 1,200 points lie closer together.
-fn plate_resolution(area: f64, n: usize) -> usize {
-    let resolution = fine_enough(PLATE_RESOLUTION, area, n);
-    let closer = (n as f64 / POINTS_SERVED).sqrt().max(1.0);
-    let most = MAX_PLATE_RESOLUTION.max(resolution);
-    ((resolution as f64 * closer) as usize).min(most)
-}
+/// Cells between neighbouring points where there are several plates: more bring nothing. A surface bends little from
+/// one of many points to the next.
+const CELLS_BETWEEN: f64 = 2.4;
+/// The same for clouds of many points.
+const CELLS_BETWEEN_MANY: f64 = 1.5;
 
 /// Surfaces of least bending through `points` (n x 3, working frame), see [`LeastBending`], where points are near; one
 /// of the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
 /// surface's normals at the points are the first guess of theirs. One surface for each rough one, in their order,
 /// without those that cannot be extracted.
 ///
-/// They are taken from grids of 64 cubes a side, or finer ones where the rough one has little area for so
-/// many points ([`resolution_for_area`]) or there are more than 1,200.
+/// The surface of one plate is taken from a grid of 64 cubes a side, or a finer one where the rough one has little area
+/// for so many points ([`resolution_for_area`]); that of several from cells as fine as the points.
 ///
 /// # Errors
 /// As [`LeastBending::fit_each`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:
@@ -186,11 +186,13 @@ pub fn plate_shapes(points: &[[f32; 3]], rough: &[TriangleMesh]) -> Result<Vec<T
     let guesses: Vec<Vec<[f32; 3]>> = trees.iter().map(|tree| tree.normals_near(points)).collect();
     let plates = LeastBending::fit_each(points, &guesses)?;
     let spacing = spacing(points);
+    let many = points.len() >= MANY_POINTS;
+    let (from, to) = if many { TRUST_OF_MANY } else { TRUST };
+    let cells_between = if many { CELLS_BETWEEN_MANY } else { CELLS_BETWEEN };
     let surface = |(plate, tree, rough): (&LeastBending, &TriangleBvh, &TriangleMesh)| {
         let mut eval = |x: &[[f32; 3]]| {
             let (nearest, dist_sq) = nearest_points(x, points);
             let mut values = plate.value(x, &nearest);
-            let (from, to) = TRUST;
             values.par_iter_mut().enumerate().for_each(|(i, value)| {
                 let far = dist_sq[i].sqrt() / spacing[nearest[i] as usize] as f32;
                 let share = ((far - from) / (to - from)).clamp(0.0, 1.0);
@@ -203,10 +205,20 @@ pub fn plate_shapes(points: &[[f32; 3]], rough: &[TriangleMesh]) -> Result<Vec<T
             });
             Ok(values)
         };
-        let resolution = plate_resolution(rough.topology().area, points.len());
-        let grid = TetGrid::working_frame(resolution)?;
-        let options = NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
-        Ok(extract(&grid, &mut eval, &options)?.keep_large(MIN_PART))
+        let mesh = match plate {
+            LeastBending::Whole(_) => {
+                let resolution = fine_enough(PLATE_RESOLUTION, rough.topology().area, points.len());
+                let grid = TetGrid::working_frame(resolution)?;
+                let options =
+                    NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
+                extract(&grid, &mut eval, &options)?
+            }
+            LeastBending::Local(_) => {
+                let [low, side] = WORKING_CUBE;
+                extract_graded([low; 3], side, &CellSizes::of_surface(points, cells_between), &mut eval)?
+            }
+        };
+        Ok(mesh.keep_large(MIN_PART))
     };
     those_found((&plates, &trees, rough).into_par_iter().map(surface).collect())
 }
@@ -267,10 +279,6 @@ mod tests {
         // 300 points of most shapes keep the usual grid, those of a blade do not; nor do more points of a small shape.
         assert_eq!([at(300, 2.2), at(300, 0.56), at(1200, 2.2), at(5000, 2.2)], [PLATE_RESOLUTION; 4]);
         assert!(at(300, 0.12) > PLATE_RESOLUTION && at(1200, 0.56) > PLATE_RESOLUTION);
-        // The plate's follow the points beyond that, too.
-        let at = |n: usize, area: f64| plate_resolution(area, n);
-        assert_eq!([at(1200, 2.2), at(4800, 2.2), at(1 << 20, 2.2)], [64, 128, MAX_PLATE_RESOLUTION]);
-        assert!(at(300, 0.12) == fine_enough(PLATE_RESOLUTION, 0.12, 300));
     }
 
     /// More points come out no worse, on both sides of the limit of one plate and of the Gauss formula's sources, up to

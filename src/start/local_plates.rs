@@ -23,7 +23,7 @@ const COVERED: f64 = 0.7;
 /// The radius of a ball over the distance to its farthest point, so that this point's weight is not quite 0.
 const MARGIN: f64 = 1.0001;
 /// A place is near a point if it is within this many spacings of the point.
-const REACH: f64 = 2.0;
+const REACH: f64 = 2.5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 256;
 
@@ -160,7 +160,8 @@ impl LocalPlates {
     }
 
     /// f at places `x` (m x 3): negative inside, and about the signed distance near the points. `nearest` (m) are the
-    /// points nearest to each. NaN where no plate reaches: all within two spacings of a point that is not alone do.
+    /// points nearest to each. NaN where no plate reaches: all within two and a half spacings of a point that is not alone
+    /// do.
     ///
     /// # Panics
     /// If there is not one nearest point a place.

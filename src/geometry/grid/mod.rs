@@ -3,6 +3,7 @@
 mod active_set;
 mod bricks;
 mod crossing;
+mod graded;
 mod level;
 mod marching;
 mod narrow_band;
@@ -10,6 +11,8 @@ mod tet_grid;
 
 pub use active_set::{ActiveSet, FieldFn};
 pub(crate) use crossing::{MARGIN, along, crossing_share};
+pub use graded::{CellSizes, extract_graded};
 pub use marching::{BandTopology, Isosurface, march};
 pub use narrow_band::{NarrowBandOptions, active_set, extract, interpolate};
 pub use tet_grid::TetGrid;
+pub(crate) use tet_grid::WORKING_CUBE;

@@ -24,6 +24,10 @@ const fn cube_tets() -> [[u8; 4]; 6] {
     tets
 }
 
+/// Lowest coordinate and side of the cube that holds every cloud in the working frame (it reaches to 0.5) and some room
+/// around it.
+pub(crate) const WORKING_CUBE: [f32; 2] = [-0.58, 1.16];
+
 /// A box-shaped lattice of cubes, each cut into six tetrahedra around its main diagonal.
 ///
 /// The cut is the same in every cube (Kuhn 1960; Freudenthal 1942), so the triangles on a face that two cubes share
@@ -110,7 +114,8 @@ impl TetGrid {
     ///
     /// [`ErrorKind::Config`] for a resolution below 3 or beyond 32-bit vertex numbers.
     pub fn working_frame(resolution: usize) -> Result<Self, Error> {
-        Self::covering([-0.58; 3], [0.58; 3], resolution, 1)
+        let [low, side] = WORKING_CUBE;
+        Self::covering([low; 3], [low + side; 3], resolution, 1)
     }
 
     /// Cubes along each axis.

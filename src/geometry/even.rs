@@ -1,0 +1,212 @@
+//! A cloud of lines made even: scanners that spin or sweep give points that lie far closer along their lines than the
+//! lines lie to each other.
+//!
+//! Between such lines a surface through all points has nothing to hold on to but the noise along them: it tears and
+//! turns over. Means over cells about as large as the lines are apart determine it.
+
+use super::KdTree;
+use super::vec3::distance;
+use rayon::prelude::*;
+
+/// Nearest points whose farthest measures the spacing around a point.
+const NEIGHBOURS: usize = 24;
+/// A surface that points fill crosses this many of the 5 x 5 x 5 cells around a point of it (25 if it is flat and
+/// parallel to them); a few lines cross fewer.
+const FILLED: usize = 20;
+/// Points lie on lines where the cells that they fill are larger than this many times their spacing (1.1 to 1.7 on
+/// surfaces that are sampled at random).
+const LINED: f64 = 2.0;
+/// Lines that are farther apart than this many times the spacing along them are no surface.
+const MAX_LINED: f64 = 16.0;
+/// The share of points on such lines from which on a cloud is one of lines. On a thin leg points lie on a line, too.
+const SHARE: f64 = 0.3;
+/// The side of the cells that means are taken over, in sides of those that are filled.
+const MERGED: f64 = 0.8;
+/// Cells along the longest side of the cloud at most, so that their numbers fit 20 bits.
+const MAX_CELLS: f64 = (1 << 19) as f64;
+
+/// The points of a cloud of lines (n x 3) as means over cells of 0.8 times the side at which points fill the cells
+/// around them as a surface does; `None` if fewer than three tenths of the points are on lines that lie far from each
+/// other.
+pub(crate) fn evened(points: &[[f32; 3]]) -> Option<Vec<[f32; 3]>> {
+    if points.len() <= NEIGHBOURS {
+        return None;
+    }
+    let filled = lined_cells(points, &disc_spacing(points))?;
+    // Cells of each size on their own, points that stay first, so that the result is in a fixed order.
+    let alone = (0..points.len()).filter(|&i| filled[i].is_none());
+    let mut out: Vec<[f32; 3]> = alone.map(|i| points[i]).collect();
+    let number = |(i, step): (usize, &Option<i32>)| {
+        step.map(|step| (step, key(cell(points[i], MERGED * side(step))), i as u32))
+    };
+    let mut merged: Vec<(i32, u64, u32)> = filled.iter().enumerate().filter_map(number).collect();
+    merged.sort_unstable();
+    out.extend(merged.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).map(|group| {
+        std::array::from_fn(|k| {
+            let sum: f64 = group.iter().map(|&(_, _, i)| f64::from(points[i as usize][k])).sum();
+            (sum / group.len() as f64) as f32
+        })
+    }));
+    Some(out)
+}
+
+/// The spacing at each of n points as that of a surface: that of [`disc_spacing`]; on lines that lie far from each
+/// other, which fill larger cells together, so much larger.
+pub(crate) fn surface_spacing(points: &[[f32; 3]]) -> Vec<f64> {
+    let mut spacing = disc_spacing(points);
+    if let Some(filled) = lined_cells(points, &spacing) {
+        let of = |step: Option<i32>| step.map_or(0.0, |step| side(step));
+        spacing.iter_mut().zip(filled).for_each(|(spacing, step)| *spacing = spacing.max(of(step)));
+    }
+    spacing
+}
+
+/// [`filled_cells`] of a cloud of lines; `None` for another.
+fn lined_cells(points: &[[f32; 3]], spacing: &[f64]) -> Option<Vec<Option<i32>>> {
+    let filled = filled_cells(points, spacing);
+    let lined =
+        |(step, spacing): &(&Option<i32>, &f64)| step.is_some_and(|step| side(step) > LINED * **spacing);
+    let count = filled.iter().zip(spacing).filter(lined).count();
+    (count as f64 >= SHARE * points.len() as f64).then_some(filled)
+}
+
+/// The spacing at each of n points: the side of the square that each neighbour would have if they lay evenly on a disc,
+/// r sqrt(pi / k) with the distance r to the k-th nearest point, k = 24 (fewer if there are fewer points).
+pub(crate) fn disc_spacing(points: &[[f32; 3]]) -> Vec<f64> {
+    // Each point is the nearest to itself.
+    let k = NEIGHBOURS.min(points.len() - 1);
+    let near = KdTree::new(points).k_nearest(points, k + 1);
+    let share = (std::f64::consts::PI / k as f64).sqrt();
+    let one = |(p, near): (&[f32; 3], &[u32])| share * distance(*p, points[near[k] as usize]);
+    points.iter().zip(near.chunks_exact(k + 1)).map(one).collect()
+}
+
+/// The side of cells after so many steps, each the square root of two: 1 after none.
+fn side(step: i32) -> f64 {
+    (0.5 * f64::from(step)).exp2()
+}
+
+fn cell(point: [f32; 3], side: f64) -> [i64; 3] {
+    point.map(|x| (f64::from(x) / side).floor() as i64)
+}
+
+/// A number for a cell, ascending along z first.
+fn key(cell: [i64; 3]) -> u64 {
+    cell.into_iter().fold(0, |key, x| key << 21 | (x + (1 << 20)) as u64)
+}
+
+/// For each point the step of the smallest cells that it and the points around it fill as a surface does; none where
+/// that takes cells of more than 16 times the spacing.
+fn filled_cells(points: &[[f32; 3]], spacing: &[f64]) -> Vec<Option<i32>> {
+    let step_of = |length: f64| (2.0 * length.log2()).floor() as i32;
+    let extent = points.iter().flatten().fold(0.0f64, |m, x| m.max(f64::from(x.abs())));
+    let finest = step_of(extent / MAX_CELLS) + 1;
+    // Smaller cells than about the spacing are never filled.
+    let first: Vec<i32> =
+        spacing.iter().map(|&s| step_of(0.7 * s.max(f64::MIN_POSITIVE)).max(finest)).collect();
+    let last: Vec<i32> = spacing.iter().map(|&s| step_of(MAX_LINED * s.max(f64::MIN_POSITIVE))).collect();
+    let mut found = vec![None; points.len()];
+    let (Some(&from), Some(&to)) = (first.iter().min(), last.iter().max()) else { return found };
+    for step in from..=to {
+        let open = |i: usize| found[i].is_none() && (first[i]..=last[i]).contains(&step);
+        let asking: Vec<usize> = (0..points.len()).filter(|&i| open(i)).collect();
+        if asking.is_empty() {
+            continue;
+        }
+        let side = side(step);
+        let mut occupied: Vec<u64> = points.par_iter().map(|&p| key(cell(p, side))).collect();
+        occupied.par_sort_unstable();
+        occupied.dedup();
+        let filled = |&i: &usize| around(&occupied, cell(points[i], side)) >= FILLED;
+        let filled: Vec<bool> = asking.par_iter().map(filled).collect();
+        asking.iter().zip(filled).filter(|(_, filled)| *filled).for_each(|(&i, _)| found[i] = Some(step));
+    }
+    found
+}
+
+/// How many of the 5 x 5 x 5 cells around one are `occupied` (ascending).
+fn around(occupied: &[u64], [x, y, z]: [i64; 3]) -> usize {
+    let columns = (-2..=2).flat_map(|i| (-2..=2).map(move |j| [x + i, y + j]));
+    let within = |[x, y]: [i64; 2]| {
+        let first = occupied.partition_point(|&k| k < key([x, y, z - 2]));
+        occupied[first..].iter().take_while(|&&k| k <= key([x, y, z + 2])).count()
+    };
+    columns.map(within).sum()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Shape;
+    use proptest::prelude::*;
+
+    /// Rings on a plane as a spinning scanner leaves them, 0.05 apart, the points 0.005 apart along them.
+    fn rings() -> Vec<[f32; 3]> {
+        let ring = |r: f32| {
+            let n = (r * std::f32::consts::TAU / 0.005) as usize;
+            (0..n).map(move |i| {
+                let (s, c) = (i as f32 / n as f32 * std::f32::consts::TAU).sin_cos();
+                [r * c, r * s, 0.001 * (97.0 * s).sin()]
+            })
+        };
+        (2..10).flat_map(|i| ring(0.05 * i as f32)).collect()
+    }
+
+    #[test]
+    fn rings_become_even_and_stay_where_they_are() {
+        let rings = rings();
+        let even = evened(&rings).unwrap();
+        assert!(even.len() < rings.len() / 4, "{} of {}", even.len(), rings.len());
+        // No place of the rings loses its points, and what is new is among them.
+        let far = |from: &[[f32; 3]], to: &[[f32; 3]]| {
+            let tree = KdTree::new(to);
+            from.iter().map(|&p| tree.nearest(p).1.sqrt()).fold(0.0, f32::max)
+        };
+        assert!(far(&rings, &even) < 0.05 && far(&even, &rings) < 0.02, "{}", far(&even, &rings));
+        let spread = |points: &[[f32; 3]]| {
+            let tree = KdTree::new(points);
+            let nearest = |p: &[f32; 3]| distance(*p, points[tree.k_nearest(&[*p], 2)[1] as usize]);
+            points.iter().map(nearest).sum::<f64>() / points.len() as f64
+        };
+        assert!(spread(&even) > 0.015 && spread(&rings) < 0.006, "{}", spread(&even));
+        assert!(evened(&even).is_none_or(|again| again.len() > even.len() / 2));
+    }
+
+    #[test]
+    fn what_is_sampled_at_random_stays() {
+        let shapes = [
+            Shape::Sphere { radius: 0.4 },
+            Shape::Torus { major: 0.3, minor: 0.1 },
+            Shape::RoundedBox { half: [0.5, 0.4, 0.02], round: 0.005 },
+        ];
+        for shape in shapes {
+            for n in [20, 300, 5000] {
+                assert!(evened(&shape.sample(n, 4).0).is_none(), "{shape:?} {n}");
+            }
+        }
+        // A line alone is no surface; nor are points in one place.
+        let line: Vec<[f32; 3]> = (0..900).map(|i| [0.001 * i as f32, 0.0, 0.0]).collect();
+        assert!(evened(&line).is_none());
+        assert!(evened(&[[0.25; 3]; 100]).is_none());
+    }
+
+    proptest! {
+        #![proptest_config(ProptestConfig::with_cases(32))]
+
+        /// By asking for every cell.
+        #[test]
+        fn cells_around_one_are_counted(
+            cells in prop::collection::vec(prop::array::uniform3(-4i64..4), 0..200),
+            at in prop::array::uniform3(-4i64..4),
+        ) {
+            let mut occupied: Vec<u64> = cells.iter().map(|&c| key(c)).collect();
+            occupied.sort_unstable();
+            occupied.dedup();
+            let near = |c: &[i64; 3]| (0..3).all(|k| (c[k] - at[k]).abs() <= 2);
+            let mut naive: Vec<[i64; 3]> = cells.into_iter().filter(near).collect();
+            naive.sort_unstable();
+            naive.dedup();
+            prop_assert_eq!(around(&occupied, at), naive.len());
+        }
+    }
+}
