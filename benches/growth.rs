@@ -57,7 +57,7 @@ fn clouds() {
         let mut config = Config { scale_with_points: false, bsp_pretrain: STEPS, ..Config::default() };
         config.start.steps = STEPS;
         // All points count, as if the grid were fine enough for them.
-        config.batch.thin = 0.0;
+        config.batch.thin = None;
         config.stages = vec![Stage { resolution: 32, steps: STEPS }];
         peak();
         let began = Instant::now();

@@ -58,21 +58,11 @@ fn bsp(c: &mut Criterion) {
     // Attention to all points and positions from nothing, as in the paper; or attention to the nearest points, whose
     // positions are averaged.
     for (n, kind, reach, average_positions) in
-        [(300, "", 0, false), (300, " local", 12, true), (1024, "", 0, false), (1024, " local", 12, true)]
+        [300, 1024].into_iter().flat_map(|n| [(n, "", None, false), (n, " local", Some(12), true)])
     {
-        let config = BspConfig {
-            channels: 128,
-            heads: 4,
-            neighbours: 8,
-            patch: 10,
-            code_density: 1.0,
-            reach,
-            average_positions,
-            layout: false,
-            charts: false,
-            slack: 0.0,
-            normal_weight: 0.0,
-        };
+        let mut config = BspConfig::default();
+        (config.channels, config.reach, config.average_positions) = (128, reach, average_positions);
+        config.normal_weight = 0.0;
         let points = sphere(n, 0.5, 0.0, 1);
         let bsp = Bsp::new(config, &points, &mut rng(2));
         let whole = Neighbourhood::whole(&points, None, &config);

@@ -35,7 +35,7 @@ fn true_mesh(shape: &Shape) -> TriangleMesh {
 fn short(parameterization: Parameterization) -> Config {
     let mut config = Config::preset(Preset::Fast);
     config.parameterization = parameterization;
-    for (key, value) in [("start.steps", "50"), ("stages", "16:12"), ("bsp.every", "1")] {
+    for (key, value) in [("start.steps", "50"), ("stages", "16:12"), ("bsp_every", "1")] {
         config.set(key, value).unwrap();
     }
     config
@@ -68,8 +68,8 @@ fn with_charts() -> Config {
         ("bsp.charts", "true"),
         ("bsp.average_positions", "false"),
         ("bsp.slack", "1"),
-        ("bsp.pretrain", "40"),
-        ("bsp.pretrain_on_shape", "false"),
+        ("bsp_pretrain", "40"),
+        ("bsp_pretrain_on_shape", "false"),
     ] {
         config.set(key, value).unwrap();
     }

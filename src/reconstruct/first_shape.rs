@@ -12,7 +12,7 @@ use crate::start::{
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// Radii of dipoles that are tried where `start.dipole_radius` is 0, in local point spacings.
+/// Radii of dipoles that are tried where `start.dipole_radius` is `None`, in local point spacings.
 const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
 /// Points up to which all of them are tried.
@@ -42,11 +42,11 @@ impl FirstShape {
         if start.shape == StartShape::Sphere {
             return Ok(None);
         }
-        let radii = match start.dipole_radius {
+        let radii = match &start.dipole_radius {
             // For large clouds no gain was measured that would be worth the time.
-            0.0 if given.len() > MAX_RADII_POINTS => &DIPOLE_RADII[1..2],
-            0.0 => &DIPOLE_RADII[..],
-            _ => std::slice::from_ref(&start.dipole_radius),
+            None if given.len() > MAX_RADII_POINTS => &DIPOLE_RADII[1..2],
+            None => &DIPOLE_RADII[..],
+            Some(radius) => std::slice::from_ref(radius),
         };
         let mut rough = gauss_shapes(given, radii, start.regularity, seed)?;
         let denoised = if config.denoise && DENOISED_POINTS.contains(&given.len()) {

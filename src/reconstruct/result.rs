@@ -202,7 +202,7 @@ impl Reconstruction {
     }
 
     /// The zero level set as a closed mesh, from a grid of `resolution` cubes along each side of the cube around the
-    /// cloud. Parts below the share `mesh.min_component` of the largest part's area are left out.
+    /// cloud. Parts below the share `min_component` of the largest part's area are left out.
     ///
     /// # Errors
     /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid,

@@ -103,7 +103,8 @@ impl Setup {
         };
         let resolution = stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution);
         let area = self.shape.as_ref().map_or(f64::INFINITY, |shape| shape.area);
-        resolution_for_area(resolution, area, self.config.reference_area)
+        let usual = self.config.reference_area;
+        usual.map_or(resolution, |usual| resolution_for_area(resolution, area, usual))
     }
 
     /// How far the working points were moved to take their noise off: the root of the mean square, working frame.
@@ -117,9 +118,9 @@ impl Setup {
 fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
     let finest = config.stages.iter().map(|s| s.resolution).max();
     let grid = finest.and_then(|resolution| TetGrid::working_frame(resolution).ok());
-    match grid {
-        Some(grid) if config.batch.thin > 0.0 && cloud.len() > config.batch.points => {
-            let kept = thin_cloud(&cloud, config.batch.thin * grid.spacing());
+    match (grid, config.batch.thin) {
+        (Some(grid), Some(spacings)) if cloud.len() > config.batch.points => {
+            let kept = thin_cloud(&cloud, spacings * grid.spacing());
             // A heap of points and a far outlier would become a few points.
             if kept.len() < MIN_THINNED {
                 return cloud;

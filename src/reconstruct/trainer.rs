@@ -11,7 +11,7 @@ use crate::error::{Error, ErrorKind};
 use crate::geometry::Position;
 
 /// How often a run comes back from a step that went wrong before it fails.
-pub(super) const RECOVERIES: usize = 3;
+pub(super) const MAX_RECOVERIES: usize = 3;
 
 /// Training in progress.
 ///
@@ -79,10 +79,10 @@ impl Trainer {
                 continue;
             }
             let recoverable = matches!(error.kind(), ErrorKind::Diverged | ErrorKind::NoSurface) && !lost;
-            if !recoverable || self.recoveries >= RECOVERIES {
+            if !recoverable || self.recoveries >= MAX_RECOVERIES {
                 let advice = match phase {
                     Phase::Start => "lower start.rate, or take another start.shape",
-                    Phase::Pretrain => "lower bsp_rate.base, or set bsp.pretrain to 0",
+                    Phase::Pretrain => "lower bsp_rate.base, or set bsp_pretrain to 0",
                     Phase::Train if lost => {
                         "raise start.steps or the resolution of the first stage, or take another start.shape"
                     }

@@ -29,7 +29,7 @@ impl Config {
     /// | `field.octaves` | log2(s) / 2 more, at most 3 | an octave for each halving of the detail |
     /// | `surface_samples` | times s, at most 8 times | as many as a step sees points, and more |
     /// | steps of the start and of each stage | times s^(1/4), at most twice | a larger field learns a larger shape more slowly |
-    /// | `bsp.reach` | 16 where it is 0, all points | attention of all to all costs n^2 |
+    /// | `bsp.reach` | 16 where it is `all` | attention of all to all costs n^2 |
     ///
     /// The patches and their sphere stay. What a step sees of the cloud is bounded by `batch`, a cloud beyond that is
     /// thinned, and a step works on every active vertex of the grid. Nothing is made smaller here.
@@ -56,8 +56,10 @@ impl Config {
             stage.resolution = scaled.max(stage.resolution);
             stage.steps = longer(stage.steps);
         }
-        let drawn = (self.surface_samples as f64 * s.min(MAX_SAMPLES)).round() as usize;
-        self.surface_samples = drawn.min(MAX_DRAWN);
+        self.surface_samples = self.surface_samples.map(|samples| {
+            let drawn = (samples as f64 * s.min(MAX_SAMPLES)).round() as usize;
+            drawn.min(MAX_DRAWN)
+        });
         self.start.steps = longer(self.start.steps);
         let (usual, widest) = WIDTHS;
         let width = (usual * s.cbrt() / 16.0).round() as usize * 16;
@@ -69,9 +71,7 @@ impl Config {
                 field.octaves += 1;
             }
         }
-        if self.bsp.reach == 0 {
-            self.bsp.reach = LOCAL_REACH;
-        }
+        self.bsp.reach = self.bsp.reach.or(Some(LOCAL_REACH));
         self
     }
 }
@@ -103,7 +103,7 @@ mod tests {
         let stages = [Stage { resolution: 84, steps: 327 }, Stage { resolution: 128, steps: 327 }];
         assert_eq!(config.stages, stages);
         assert_eq!((config.field.width, config.field.octaves, config.start.steps), (128, 4, 654));
-        assert_eq!(config.surface_samples, 57_121);
+        assert_eq!(config.surface_samples, Some(57_121));
     }
 
     #[test]
@@ -128,7 +128,7 @@ mod tests {
         config.field.octaves = 9;
         config.field.frequency = 3.9;
         config.stages = vec![Stage { resolution: 256, steps: MAX_STEPS }];
-        config.surface_samples = MAX_DRAWN;
+        config.surface_samples = Some(MAX_DRAWN);
         config.validate().unwrap();
         let scaled = config.for_points(1 << 24);
         scaled.validate().unwrap();

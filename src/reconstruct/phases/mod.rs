@@ -25,7 +25,7 @@ pub enum Phase {
     /// The field learns its first shape by regression (`start.steps`).
     #[default]
     Start,
-    /// The parameterization is trained alone, on L_para (`bsp.pretrain`).
+    /// The parameterization is trained alone, on L_para (`bsp_pretrain`).
     Pretrain,
     /// The training proper (`stages`): field, grid and parameterization together.
     Train,

@@ -72,8 +72,8 @@ pub(in crate::reconstruct) fn step(
     let (mut field, map) = at.pull_back(&recorded, &sampled, work);
     let config = &at.setup.config;
     let gradient_norm = match config.clip {
-        0.0 => gradient_norm(&field),
-        most => clip_norm(&mut field, most),
+        None => gradient_norm(&field),
+        Some(most) => clip_norm(&mut field, most),
     };
     let loss = work.tape.value(recorded.loss).item();
     if !loss.is_finite() {
@@ -171,10 +171,9 @@ impl<'a> TrainStep<'a> {
         } else {
             (0..size).map(|i| order[(step * size + i) % n]).collect()
         };
-        let every = config.bsp_every;
         let learns = self.state.map.as_ref().is_some_and(|map| !map.params().is_empty());
-        let trains = learns && every > 0 && step.is_multiple_of(every);
-        let block = trains.then(|| step / every % blocks.len());
+        let every = config.bsp_every.filter(|&every| learns && step.is_multiple_of(every));
+        let block = every.map(|every| step / every % blocks.len());
         Seen { points: rows.iter().map(|&i| cloud[i as usize]).collect(), rows, block }
     }
 
@@ -244,8 +243,8 @@ impl<'a> TrainStep<'a> {
         let crossings = tape.edge_crossing(moved, at_verts.sdf, &iso.edges[..]);
         check_near("the extracted surface", tape.value(crossings).data())?;
         let (drawn, tree) = match config.surface_samples {
-            0 => (crossings, None),
-            count => {
+            None => (crossings, None),
+            Some(count) => {
                 let mut rng = Random::new(config.seed);
                 rng.set_stream(self.step as u64 + 1);
                 let at = tape.value(crossings).data().as_chunks().0;
