@@ -4,7 +4,7 @@ mod common;
 
 use bijective_sdf::autodiff::Tape;
 use bijective_sdf::bsp::{Bsp, BspConfig, Neighbourhood};
-use bijective_sdf::field::{Activation, Field, FieldConfig, FieldPass, FieldValues, FieldVars};
+use bijective_sdf::field::{Field, FieldConfig, FieldPass, FieldValues, FieldVars};
 use bijective_sdf::gdo::{Deformation, deform};
 use bijective_sdf::loss::{Direction, mean_abs};
 use bijective_sdf::optim::{Adam, AdamOptions};
@@ -16,15 +16,8 @@ use std::sync::Arc;
 /// g and grad g at the vertices, the loss mean |V - g n|^2 + 0.01 mean |g|, and back to the weights.
 fn field(c: &mut Criterion) {
     for (width, depth, v) in [(64, 4, 2000), (128, 4, 4000), (128, 4, 16000), (256, 8, 4000)] {
-        let config = FieldConfig {
-            width,
-            depth,
-            octaves: 3,
-            frequency: 1.0,
-            activation: Activation::Softplus { beta: 100.0 },
-            skip: None,
-            radius: 0.35,
-        };
+        let mut config = FieldConfig::default();
+        (config.width, config.depth, config.frequency) = (width, depth, 1.0);
         let field = Field::new(config, &mut rng(1));
         let verts = sphere(v, 0.4, 0.01, 2);
         let (mut pass, mut tape) = (FieldPass::new(), Tape::new());

@@ -28,7 +28,7 @@ fn true_mesh(shape: &Shape) -> TriangleMesh {
     let (around, _) = shape.sample(2000, 2);
     let grid = TetGrid::covering([-1.0; 3], [1.0; 3], 64, 1).unwrap();
     let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-    extract(&grid, &mut sdf, &NarrowBandOptions { seeds: &around, ..Default::default() }).unwrap()
+    extract(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around)).unwrap()
 }
 
 /// `fast`, but with hardly a step of the field: S is what is looked at.

@@ -280,7 +280,8 @@ fn vertices_take_what_the_nearest_point_that_was_kept_has() {
     assert_eq!(json.at("carried").to_string(), r#"["class","red","green","blue"]"#);
     assert_eq!(json.at("strays").as_array().unwrap().len(), 1);
     let read = |path: &Path| {
-        let options = ReadOptions { attributes: true, ..Default::default() };
+        let mut options = ReadOptions::default();
+        options.attributes = true;
         read_cloud_with(&fs::read(path).unwrap(), &options).unwrap()
     };
     let got = read(&mesh);

@@ -43,6 +43,7 @@ pub struct Parameterized {
 /// How well S covers the cloud and, by its codes, the sphere. Lengths are in the frame of the cloud: for the figures
 /// of a run that is the working frame, in which the longest side of the input is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Coverage {
     /// Points n of Q.
     pub points: usize,
@@ -60,6 +61,7 @@ pub struct Coverage {
 
 /// How well the codes cover the sphere, and whether the map back to space keeps them apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct CodeCoverage {
     /// The length of the mean code of the points: 0 where they are spread evenly, 1 where all are in one spot.
     pub mean_code: f64,

@@ -28,6 +28,7 @@ use crate::random::Random;
 
 /// The sizes of the parameterization; start from the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct BspConfig {
     /// Channels c of features and attention. Default 64, paper 128.
     pub channels: usize,
@@ -109,6 +110,7 @@ pub struct Bsp {
 
 /// What a forward pass puts on the tape.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct BspOutput {
     /// The codes of the b centres on the unit sphere, b x 3.
     pub codes: Var,

@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 /// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Parameterization {
     /// Bijective surface parameterization: local patches on the sphere.
     Bsp,
@@ -30,6 +31,7 @@ const GLOBAL_CODES: usize = 40_960;
 
 /// What makes S.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum SurfaceMap {
     /// Patch by patch.
     Bsp(Box<Bsp>),

@@ -89,7 +89,9 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;
     let local = mesh.about([0.0; 3]);
-    let report = evaluate(GroundTruth::Mesh(&truth), &local, &Options { surface: true, ..Options::shape() })?;
+    let mut options = Options::shape();
+    options.surface = true;
+    let report = evaluate(GroundTruth::Mesh(&truth), &local, &options)?;
     let s = about(&trained.field.surface_points(), [0.0; 3]);
     let sets = [&points[..], &s];
     let sets = if s.is_empty() { &sets[..1] } else { &sets };
@@ -147,5 +149,5 @@ fn true_mesh(shape: &Shape, seed: u64) -> Result<TriangleMesh, Failure> {
     let (low, high) = (bounds.min.map(|x| (x - 0.02) as f32), bounds.max.map(|x| (x + 0.02) as f32));
     let grid = TetGrid::covering(low, high, TRUTH_RESOLUTION, 1)?;
     let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-    Ok(extract(&grid, &mut sdf, &NarrowBandOptions { seeds: &around, ..Default::default() })?)
+    Ok(extract(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around))?)
 }

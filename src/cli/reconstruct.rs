@@ -278,7 +278,8 @@ fn resumed(path: &Path, args: &ReconstructArgs) -> Result<(Config, &'static str)
         return Err(Failure::Input(error.advise("make a mesh of it with `bijective-sdf mesh`")));
     }
     let (config, preset) = args.settings.build()?;
-    let run = Config { finish: config.finish, min_component: config.min_component, ..saved.config.clone() };
+    let mut run = saved.config.clone();
+    (run.finish, run.min_component) = (config.finish, config.min_component);
     if config.clone().for_points(saved.points) == run {
         return Ok((config, preset.name()));
     }

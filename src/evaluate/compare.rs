@@ -33,6 +33,7 @@ pub enum Frame {
 
 /// How to compare.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Options {
     /// Samples of each mesh; 100,000 is usual for shapes, 1,000,000 for scenes.
     pub samples: usize,
@@ -119,6 +120,7 @@ impl Default for Options {
 
 /// The result of [`evaluate`].
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Report {
     /// Sample-to-sample metrics, in units of the frame.
     pub metrics: Metrics,

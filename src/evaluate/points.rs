@@ -12,6 +12,7 @@ const OWN_SEEDS: u64 = 0x706f_696e_7473_0000;
 
 /// How points lie to a ground truth; the result of [`evaluate_points`]. Distances in units of the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PointsReport {
     /// The number of points n.
     pub points: usize,

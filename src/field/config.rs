@@ -2,6 +2,7 @@
 
 /// The nonlinearity of the hidden layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Activation {
     /// max(z, 0), as in the authors' code.
     Relu,
@@ -14,6 +15,7 @@ pub enum Activation {
 
 /// The shape of the network; start from the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FieldConfig {
     /// Width c of every hidden layer. Default 64, paper 256.
     pub width: usize,

@@ -13,6 +13,7 @@ use crate::geometry::nearest_points;
 /// Points of space with codes on the unit sphere, to be drawn in the colours of the codes
 /// ([`code_colour`](crate::bsp::code_colour)). Places are in the frame and unit of the input.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Coded {
     /// The points Q that the training works with, n x 3: without their noise, and thinned if there are many.
     pub points: Vec<[f64; 3]>,

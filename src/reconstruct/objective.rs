@@ -15,6 +15,7 @@ macro_rules! loss_terms {
     ($($(#[$doc:meta])* $name:ident, $default:literal: $term:expr;)*) => {
         /// Weights of the loss terms; a term of weight 0 is not computed. Those after the third are not in the paper.
         #[derive(Clone, Copy, Debug, PartialEq)]
+        #[non_exhaustive]
         pub struct Weights {
             $($(#[$doc])* #[doc = $default] pub $name: f32,)*
             /// What the weight of L_deform has been multiplied by at the end, falling geometrically; below 1 leaves the
@@ -25,6 +26,7 @@ macro_rules! loss_terms {
         /// The values of the loss terms in a step, before their weights; 0 where the weight is 0, and where the step
         /// does not have the term.
         #[derive(Clone, Copy, Debug, Default, PartialEq)]
+        #[non_exhaustive]
         pub struct Terms {
             $($(#[$doc])* pub $name: f32,)*
         }

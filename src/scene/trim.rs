@@ -17,6 +17,7 @@ const CUT_MARGIN: f32 = 1e-3;
 
 /// A surface that was cut.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Trimmed<P = [f32; 3]> {
     /// What is left: the faces and vertices that are kept, in their order, and those along the cut.
     pub mesh: TriangleMesh<P>,

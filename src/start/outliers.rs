@@ -31,6 +31,7 @@ const ROUNDS: usize = 8;
 
 /// How readily a point is taken for a stray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Suspicion {
     /// Only where hardly a point of a surface would be.
     #[default]

@@ -38,7 +38,9 @@ pub struct Job<'a> {
 impl Job<'_> {
     /// All options, the seed included.
     pub fn config(&self) -> Config {
-        Config { seed: self.seed, ..self.setting.config.clone() }
+        let mut config = self.setting.config.clone();
+        config.seed = self.seed;
+        config
     }
 
     /// The file of the mesh, below the directory of the results. The beginning of the fingerprint keeps apart what runs

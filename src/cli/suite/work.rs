@@ -10,7 +10,7 @@ use std::sync::{Mutex, OnceLock};
 use std::thread;
 use std::time::Instant;
 
-use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, Report, evaluate, evaluate_points};
+use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, evaluate, evaluate_points};
 use bijective_sdf::geometry::{Bounds, Topology, about, sample_surface};
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::{Reconstruction, Trainer};
@@ -55,7 +55,8 @@ impl Truth {
         match &self.content {
             Content::Mesh(mesh) => {
                 let local = mesh.about(mesh.offset());
-                let options = Options { floor: true, ..*options };
+                let mut options = *options;
+                options.floor = true;
                 Ok(evaluate(GroundTruth::Mesh(&local), &local, &options)?.floor)
             }
             Content::Cloud(_) => Ok(None),
@@ -192,7 +193,8 @@ impl Workshop<'_> {
     }
 
     fn attempt(&self, job: &Job<'_>, truth: Option<&Shared>, outcome: &mut Outcome) -> Result<(), Stop> {
-        let options = Options { samples: self.measure.samples, floor: false, ..Options::shape() };
+        let mut options = Options::shape();
+        (options.samples, options.floor) = (self.measure.samples, false);
         let truth = match (truth, &job.shape.truth) {
             (Some(shared), Some((_, path))) => {
                 let read = || -> Result<_, Failure> {
@@ -225,13 +227,15 @@ impl Workshop<'_> {
         if let Some((truth, floor)) = truth {
             let offset = truth.content.offset();
             let truth = truth.content.about(offset);
-            let report = evaluate(truth.ground_truth(), &mesh.about(offset), &options)?;
-            outcome.report = Some(Report { floor: *floor, ..report });
+            let mut report = evaluate(truth.ground_truth(), &mesh.about(offset), &options)?;
+            report.floor = *floor;
+            outcome.report = Some(report);
             let sets = [about(field.cloud(), offset), about(&surface, offset)];
             let sets = [&sets[0][..], &sets[1]];
             let sets = if surface.is_empty() { &sets[..1] } else { &sets };
             // With the floor, which is another for every number of points.
-            let reports = evaluate_points(truth.ground_truth(), sets, &Options { floor: true, ..options })?;
+            options.floor = true;
+            let reports = evaluate_points(truth.ground_truth(), sets, &options)?;
             outcome.truth_coverage = TruthCoverage::of(&reports);
         }
         Ok(())

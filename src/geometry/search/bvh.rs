@@ -17,6 +17,7 @@ const MAX_WAITING: usize = 34;
 
 /// The point of a mesh nearest to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct SurfaceHit {
     /// Index of the face it lies on; the smallest among equally near faces.
     pub face: u32,

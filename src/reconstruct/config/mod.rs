@@ -19,6 +19,7 @@ use crate::reconstruct::{Phase, Weights};
 
 /// The shape that the field starts as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum StartShape {
     /// A sphere of radius `field.radius`, by the initial weights alone.
     Sphere,
@@ -32,6 +33,7 @@ pub enum StartShape {
 
 /// How the field gets its first shape. Only `shape` matters for a sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Start {
     /// Which shape. Default `plate`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
@@ -49,6 +51,7 @@ pub struct Start {
 
 /// What is done to the field after the training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Finishing {
     /// Nothing.
     None,
@@ -60,6 +63,7 @@ pub enum Finishing {
 
 /// What the extracted surface is drawn to; the cloud alone if there is no parameterization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Target {
     /// The parameterized surface S (equation 5 of the paper).
     Surface,
@@ -78,6 +82,7 @@ pub struct Stage {
 
 /// The part of the grid that training works on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Band {
     /// Steps between two searches for the grid cubes that the surface crosses; each search also keeps a state to fall
     /// back to. Default 4.
@@ -88,6 +93,7 @@ pub struct Band {
 
 /// How much of a large cloud one step sees; clouds below these sizes are seen whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Batch {
     /// A cloud of more than `points` points is first thinned to one point in each cube of this side. The unit is the
     /// distance between vertices of the finest grid in `stages`, before `reference_area` changes it. `None` (`off`)
@@ -105,6 +111,7 @@ pub struct Batch {
 /// Start from [`Config::preset`] and change fields, or [`set`](Self::set) them by name. Lengths are in the working
 /// frame, where the cloud's longest side is 1.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Config {
     /// Seed of everything random. Default 0.
     pub seed: u64,

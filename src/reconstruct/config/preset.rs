@@ -13,6 +13,7 @@ use std::str::FromStr;
 
 /// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Preset {
     /// The first shape that the others begin with, finished: no training, some four processor seconds for
     /// 300 points.

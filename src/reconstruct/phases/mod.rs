@@ -21,6 +21,7 @@ use std::fmt;
 
 /// What a step of a run is for, in the order of the run.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum Phase {
     /// The field learns its first shape by regression (`start.steps`).
     #[default]

@@ -24,6 +24,7 @@ pub struct Saved {
 
 /// What sort of file it is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SavedKind {
     /// Of [`Trainer::save_checkpoint`](crate::Trainer::save_checkpoint).
     Checkpoint {
