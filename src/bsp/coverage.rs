@@ -12,7 +12,7 @@ use rayon::prelude::*;
 /// Points of S that are equal when rounded to multiples of this, in the working frame, are one place.
 const PLACE: f64 = 1e-4;
 /// Codes are far apart from so many radii of a cap with each point's share of the sphere on.
-const FAR: f64 = 5.0;
+const FAR_RADII: f64 = 5.0;
 /// Points of S whose near pairs are looked at, about; of more, every second, third, ... is taken.
 const MAX_LOOKED_AT: usize = 4096;
 
@@ -207,7 +207,7 @@ fn near_pairs(points: &[[f32; 3]], surface: &[[f32; 3]], codes: &[[f32; 3]]) -> 
     }
     let patch = surface.len() / n;
     let spacing = mean_distances(points, 1);
-    let far_sq = (2.0 * FAR / (n as f64).sqrt()).powi(2);
+    let far_sq = (2.0 * FAR_RADII / (n as f64).sqrt()).powi(2);
     let tree = KdTree::new(surface);
     let step = surface.len().div_ceil(MAX_LOOKED_AT);
     let of = |i: usize| {

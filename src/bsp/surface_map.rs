@@ -27,7 +27,7 @@ pub enum Parameterization {
 }
 
 /// Points on the surface of a global map, at most; they are all computed in every step.
-const GLOBAL_CODES: usize = 40_960;
+const MAX_GLOBAL_CODES: usize = 40_960;
 
 /// What makes S.
 #[derive(Clone, Debug)]
@@ -54,7 +54,7 @@ impl SurfaceMap {
         points: &[[f32; 3]],
         rng: &mut Random,
     ) -> Option<Self> {
-        let codes = (points.len() * config.patch).min(GLOBAL_CODES);
+        let codes = (points.len() * config.patch).min(MAX_GLOBAL_CODES);
         let c = config.channels;
         Some(match parameterization {
             Parameterization::None => return None,

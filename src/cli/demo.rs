@@ -22,7 +22,7 @@ use super::reconstruct::{RESOLUTION, describe, resolution_parser};
 use super::report::{gate, report_json, report_text};
 use super::sample::add_noise;
 use super::settings::Settings;
-use super::train::{Plan, train};
+use super::train::{TrainingPlan, train};
 
 /// Cubes along the grid that the true mesh is taken from.
 const TRUTH_RESOLUTION: usize = 160;
@@ -83,7 +83,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     add_noise(&mut points, args.noise, config.seed);
     common.note(&format!("{} points on {name}, preset {preset}, seed {}", points.len(), config.seed));
 
-    let plan = Plan { quiet: common.quiet, ..Plan::default() };
+    let plan = TrainingPlan { quiet: common.quiet, ..TrainingPlan::default() };
     let trained = train(&widened(&points), &config, &plan, None)?;
     let mesh = trained.field.mesh(args.resolution)?;
     let topology = mesh.topology();

@@ -30,7 +30,7 @@ use super::preview::{View, ViewArgs, check_picture, render};
 use super::reading::ReadArgs;
 use super::report::{gate, gate_open, passes_gate, topology_json};
 use super::settings::Settings;
-use super::train::{Plan, Trained, train};
+use super::train::{Trained, TrainingPlan, train};
 use super::trim::TrimArgs;
 
 /// Cubes along the longest side of the grid that a mesh is taken from.
@@ -427,8 +427,8 @@ fn is_ordinary(path: &Path) -> bool {
     !is_pipe(path) && fs::metadata(path).map_or(true, |m| m.is_file())
 }
 
-fn plan(args: &ReconstructArgs, common: Common) -> Plan {
-    Plan {
+fn plan(args: &ReconstructArgs, common: Common) -> TrainingPlan {
+    TrainingPlan {
         checkpoint: args.checkpoint.clone().map(|path| (path, Duration::from_secs(args.checkpoint_every))),
         on_interrupt: (!is_pipe(&args.output)).then(|| behind(&args.output, ".checkpoint")),
         resume: args.resume.clone(),

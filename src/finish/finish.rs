@@ -16,7 +16,7 @@ use std::ops::RangeInclusive;
 pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 
 /// Places beyond this, working frame, are no places of a neighbour search.
-const FAR: f32 = 1e6;
+const MAX_COORDINATE: f32 = 1e6;
 
 /// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
 ///
@@ -81,7 +81,7 @@ impl Finish {
             "Finish::apply: not one value and gradient a place"
         );
         // Written so that NaN is left out.
-        let near: Vec<usize> = (0..m).filter(|&i| x[i].iter().all(|v| v.abs() < FAR)).collect();
+        let near: Vec<usize> = (0..m).filter(|&i| x[i].iter().all(|v| v.abs() < MAX_COORDINATE)).collect();
         if near.len() < m {
             let of = |all: &[[f32; 3]]| near.iter().map(|&i| all[i]).collect::<Vec<_>>();
             let mut part: Vec<f32> = near.iter().map(|&i| values[i]).collect();

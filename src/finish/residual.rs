@@ -18,12 +18,12 @@ const TURN: f64 = 3.2;
 const NUGGET: f64 = 0.05;
 /// Points that the field is farther from are not missed by it but given up, strays or a part that was lost, in spacings
 /// of the points (the median): to bend the field to them would tear it.
-const GIVEN_UP: f64 = 0.5;
+const MAX_RESIDUAL: f64 = 0.5;
 /// Points up to which the system is solved and summed as a whole; of more, each with those within the reach only.
-const WHOLE: usize = 2048;
+const MAX_WHOLE_POINTS: usize = 2048;
 /// Rounds of conjugate gradients at most, and the length of the remainder, as a share of that of the values, at which
 /// they end.
-const ROUNDS: usize = 200;
+const MAX_ROUNDS: usize = 200;
 const REMAINDER: f64 = 1e-5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 512;
@@ -54,7 +54,7 @@ impl Residual {
         let middle = spacing.len() / 2;
         let unit = *spacing.select_nth_unstable_by(middle, f64::total_cmp).1;
         let kept: Vec<usize> =
-            (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= GIVEN_UP * unit).collect();
+            (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= MAX_RESIDUAL * unit).collect();
         let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);
         let undetermined =
             || Error::new(ErrorKind::Data, "the points are not apart, or the field is far from all");
@@ -68,7 +68,7 @@ impl Residual {
             _ => vec![0.0; n],
         });
         let values: Vec<f64> = kept.iter().map(|&i| f64::from(values[i])).collect();
-        let places = (n > WHOLE).then(|| places(&columns));
+        let places = (n > MAX_WHOLE_POINTS).then(|| places(&columns));
         let weights = match &places {
             None => whole(&columns, values).ok_or_else(undetermined)?,
             Some(places) => sparse(&columns, places, &values),
@@ -150,7 +150,7 @@ fn sparse(columns: &[Vec<f32>; 7], places: &[[f32; 3]], values: &[f64]) -> Vec<f
     let mut along = rest.clone();
     let mut square = dot(&rest, &rest);
     let enough = REMAINDER * REMAINDER * square;
-    for _ in 0..ROUNDS {
+    for _ in 0..MAX_ROUNDS {
         if square <= enough {
             break;
         }
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn by_pairs_within_the_reach_it_is_what_it_is_as_a_whole() {
         let shape = Shape::RoundedBox { half: [0.5, 0.4, 0.03], round: 0.02 };
-        let (points, normals) = shape.sample(WHOLE + 200, 3);
+        let (points, normals) = shape.sample(MAX_WHOLE_POINTS + 200, 3);
         let values: Vec<f32> = points.iter().map(|p| 0.004 * (9.0 * p[0] - 20.0 * p[1]).sin()).collect();
         let by_pairs = Residual::fit(&points, &normals, &values).unwrap();
         let places = by_pairs.places.clone().unwrap();

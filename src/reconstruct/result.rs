@@ -23,7 +23,7 @@ pub struct Reconstruction {
     pub(super) normalizer: Normalizer,
     /// Distinct points, input frame.
     pub(super) cloud: Vec<[f64; 3]>,
-    pub(super) shape: Shape,
+    pub(super) shape: FinalShape,
     /// What is blended into the shape, if [`Config::finish`] asks for it and the points allow it.
     pub(super) finish: Option<Finish>,
     /// S, working frame.
@@ -34,7 +34,7 @@ pub struct Reconstruction {
 
 /// What a run ends with before it is finished, in the working frame.
 #[derive(Clone, Debug)]
-pub(super) enum Shape {
+pub(super) enum FinalShape {
     /// A trained network.
     Learned(Field),
     /// The first shape itself, where nothing was to be trained.
@@ -62,20 +62,20 @@ impl FoundShape {
     }
 }
 
-impl Shape {
+impl FinalShape {
     /// Signed distances at `points` (m x 3).
     fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
         match self {
-            Shape::Learned(field) => field.sdf(points),
-            Shape::Found(found) => found.tree.signed_distances(points).0,
+            FinalShape::Learned(field) => field.sdf(points),
+            FinalShape::Found(found) => found.tree.signed_distances(points).0,
         }
     }
 
     /// Signed distances and their gradients at `points` (m x 3).
     fn sdf_and_gradient(&self, points: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
         match self {
-            Shape::Learned(field) => field.sdf_and_gradient(points),
-            Shape::Found(found) => found.tree.signed_distances(points),
+            FinalShape::Learned(field) => field.sdf_and_gradient(points),
+            FinalShape::Found(found) => found.tree.signed_distances(points),
         }
     }
 
@@ -93,8 +93,8 @@ impl Shape {
     /// Their gradients.
     fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         match self {
-            Shape::Learned(field) => field.gradient(points),
-            Shape::Found(found) => found.tree.signed_distances(points).1,
+            FinalShape::Learned(field) => field.gradient(points),
+            FinalShape::Found(found) => found.tree.signed_distances(points).1,
         }
     }
 }

@@ -3,7 +3,7 @@
 use super::band::ActiveBand;
 use super::coded::{self, Coded};
 use super::phases::{StepReport, Workspace, pretrain, start, train};
-use super::result::{FoundShape, Shape};
+use super::result::{FinalShape, FoundShape};
 use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
 use super::{Config, Phase, Reconstruction};
@@ -206,7 +206,7 @@ impl Trainer {
             Some(shape) if setup.config.stages.is_empty() => FoundShape::new(shape.mesh).ok(),
             _ => None,
         };
-        let shape = found.map_or(Shape::Learned(state.field), Shape::Found);
+        let shape = found.map_or(FinalShape::Learned(state.field), FinalShape::Found);
         let finish = shape.finished_for(&setup.cloud, &setup.config);
         Reconstruction {
             coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),

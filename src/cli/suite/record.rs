@@ -309,7 +309,7 @@ pub mod tests {
     use super::super::plan::tests::{MEASURE, setting};
     use super::*;
     use crate::cli::coverage::tests::some_coverage;
-    use crate::cli::suite::inputs::Shape;
+    use crate::cli::suite::inputs::ShapeFiles;
     use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
     use bijective_sdf::geometry::TriangleMesh;
     use serde_json::Value;
@@ -333,7 +333,7 @@ pub mod tests {
     #[test]
     fn what_is_written_is_read() {
         let shape =
-            Shape { name: "a \"b\"".into(), cloud: "a".into(), truth: Some(("a".into(), "b".into())) };
+            ShapeFiles { name: "a \"b\"".into(), cloud: "a".into(), truth: Some(("a".into(), "b".into())) };
         let setting = setting("multiple:3");
         let job = Job { shape: &shape, setting: &setting, seed: u64::MAX, fingerprint: "f00".into() };
         let mesh = tetrahedron();

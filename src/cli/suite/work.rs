@@ -357,7 +357,7 @@ impl Shelf {
 
 #[cfg(test)]
 mod tests {
-    use super::super::inputs::Shape;
+    use super::super::inputs::ShapeFiles;
     use super::super::plan::tests::setting;
     use super::*;
     use bijective_sdf::geometry::TriangleMesh;
@@ -369,7 +369,7 @@ mod tests {
             faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
         };
         let truth = Truth { topology: Some(mesh.topology()), content: Content::Mesh(mesh.clone()) };
-        let shape = Shape { name: "a".into(), cloud: "none.xyz".into(), truth: None };
+        let shape = ShapeFiles { name: "a".into(), cloud: "none.xyz".into(), truth: None };
         let mut many = setting("many");
         many.input.points = Some(50);
         let mut noisy = many.clone();

@@ -6,16 +6,20 @@ use crate::reconstruct::config::{MAX_DRAWN, MAX_FREQUENCY, MAX_STEPS};
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
-/// What grid resolutions grow by at most, and the resolution that the finest does not grow beyond.
-const MAX_RESOLUTION: (f64, f64) = (6.0, 192.0);
-/// Width that the rule starts from, and the width that it does not make a field grow beyond; wider ones stay.
-const WIDTHS: (f64, usize) = (64.0, 128);
-/// Octaves that are added at most.
-const MAX_OCTAVES: usize = 3;
-/// What the numbers of steps grow by at most.
-const MAX_GROWTH: f64 = 2.0;
-/// What the number of samples on the surface grows by at most.
-const MAX_SAMPLES: f64 = 8.0;
+/// The most that grid resolutions are multiplied by.
+const MAX_RESOLUTION_FACTOR: f64 = 6.0;
+/// Cubes a side that the finest grid does not grow beyond; finer ones stay.
+const MAX_RESOLUTION: f64 = 192.0;
+/// Width of the field at the usual number of points, which the rule scales.
+const USUAL_WIDTH: f64 = 64.0;
+/// Width that the rule does not make a field grow beyond; wider ones stay.
+const MAX_WIDTH: usize = 128;
+/// The most octaves that are added.
+const MAX_ADDED_OCTAVES: usize = 3;
+/// The most that numbers of steps are multiplied by.
+const MAX_STEPS_FACTOR: f64 = 2.0;
+/// The most that the number of samples on the surface is multiplied by.
+const MAX_SAMPLES_FACTOR: f64 = 8.0;
 /// Points that a patch attends to in larger clouds if it would attend to all otherwise.
 const LOCAL_REACH: usize = 16;
 
@@ -45,26 +49,24 @@ impl Config {
         }
         let s = n as f64 / USUAL_POINTS as f64;
         let longer = |steps: usize| {
-            let scaled = steps as f64 * s.powf(0.25).min(MAX_GROWTH);
+            let scaled = steps as f64 * s.powf(0.25).min(MAX_STEPS_FACTOR);
             (scaled.round() as usize).min(MAX_STEPS).max(steps)
         };
         let finest = self.stages.iter().map(|s| s.resolution).max().unwrap_or(1) as f64;
-        let (most, limit) = MAX_RESOLUTION;
-        let growth = s.sqrt().min(most).min(limit / finest).max(1.0);
+        let growth = s.sqrt().min(MAX_RESOLUTION_FACTOR).min(MAX_RESOLUTION / finest).max(1.0);
         for stage in &mut self.stages {
             let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
             stage.resolution = scaled.max(stage.resolution);
             stage.steps = longer(stage.steps);
         }
         self.surface_samples = self.surface_samples.map(|samples| {
-            let drawn = (samples as f64 * s.min(MAX_SAMPLES)).round() as usize;
+            let drawn = (samples as f64 * s.min(MAX_SAMPLES_FACTOR)).round() as usize;
             drawn.min(MAX_DRAWN)
         });
         self.start.steps = longer(self.start.steps);
-        let (usual, widest) = WIDTHS;
-        let width = (usual * s.cbrt() / 16.0).round() as usize * 16;
-        self.field.width = self.field.width.max(width.min(widest));
-        let finer = ((s.log2() / 2.0).round() as usize).min(MAX_OCTAVES);
+        let width = (USUAL_WIDTH * s.cbrt() / 16.0).round() as usize * 16;
+        self.field.width = self.field.width.max(width.min(MAX_WIDTH));
+        let finer = ((s.log2() / 2.0).round() as usize).min(MAX_ADDED_OCTAVES);
         for _ in 0..finer {
             let field = &mut self.field;
             if field.octaves > 0 && field.frequency * octave_factor(field.octaves) <= MAX_FREQUENCY {

@@ -94,7 +94,7 @@ impl Workspace {
 }
 
 /// Coordinates beyond this mean that training has left the neighbourhood of the cloud for good.
-pub(super) const FAR: f32 = 1e6;
+pub(super) const MAX_COORDINATE: f32 = 1e6;
 
 /// The error for values that are not finite or far away.
 pub(super) fn diverged(message: impl Into<String>) -> Error {
@@ -104,7 +104,7 @@ pub(super) fn diverged(message: impl Into<String>) -> Error {
 /// Refuses coordinates that neighbour searches cannot take.
 pub(super) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
     // Written so that NaN is refused.
-    if points.iter().all(|x| x.abs() < FAR) {
+    if points.iter().all(|x| x.abs() < MAX_COORDINATE) {
         return Ok(());
     }
     Err(diverged(format!("{what} is not finite or far away")))
