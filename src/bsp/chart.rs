@@ -12,7 +12,7 @@ use crate::tensor::Tensor;
 use nalgebra::{Matrix3, Matrix5, SymmetricEigen, Vector3, Vector5};
 use std::sync::Arc;
 
-/// Neighbours that a chart is fitted to.
+/// The number of neighbours that a chart is fitted to.
 pub(super) const FITTED: usize = 12;
 /// The neighbour whose distance tells a point's share of the surface.
 const SHARE_NEIGHBOUR: usize = 8;
@@ -29,7 +29,7 @@ const MAX_RISE: f64 = 0.6;
 pub(super) struct Chart {
     /// q, working frame.
     origin: [f32; 3],
-    /// u, where the point lies on the sphere.
+    /// u, the code of the point: unit length.
     code: [f32; 3],
     /// e_1 and e_2, which span the sphere's tangent plane at u.
     code_axes: [[f32; 3]; 2],

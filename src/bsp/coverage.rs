@@ -11,9 +11,10 @@ use rayon::prelude::*;
 
 /// Points of S that are equal when rounded to multiples of this, in the working frame, are one place.
 const PLACE: f64 = 1e-4;
-/// Codes are far apart from so many radii of a cap with each point's share of the sphere on.
+/// Two codes count as far apart from this distance on, in radii of the spherical cap that has each point's share of the
+/// sphere.
 const FAR_RADII: f64 = 5.0;
-/// Points of S whose near pairs are looked at, about; of more, every second, third, ... is taken.
+/// About the most points of S whose near pairs are counted; of a larger S every second, third, ... point is taken.
 const MAX_LOOKED_AT: usize = 4096;
 
 /// The codes of a whole cloud and of its patches, and the sphere that they are of.
@@ -23,7 +24,7 @@ pub struct Codes {
     pub points: Vec<[f32; 3]>,
     /// P: the codes of the patches on the unit sphere, (n M) x 3, patch by patch, nearest first.
     pub patches: Vec<[f32; 3]>,
-    /// Which of the sphere's codes those are, n M indices below `sphere`.
+    /// The numbers of these codes among all codes of the sphere, n M indices below `sphere`.
     pub index: Vec<u32>,
     /// The number of codes m on the sphere that patches are taken from.
     pub sphere: usize,
@@ -55,7 +56,7 @@ pub struct Coverage {
     pub q_to_s: f64,
     /// The mean distance from a point of S to the nearest of Q; about 0 where S has collapsed onto the points.
     pub s_to_q: f64,
-    /// The same of the codes, if there are any.
+    /// The figures of the codes, if the parameterization has codes.
     pub codes: Option<CodeCoverage>,
 }
 
@@ -67,13 +68,13 @@ pub struct CodeCoverage {
     pub mean_code: f64,
     /// Codes m on the sphere.
     pub sphere: usize,
-    /// Those of them that are in at least one patch.
+    /// How many of the sphere's codes are in at least one patch.
     pub used: usize,
     /// Pairs of points of S in one place: nearer to each other than the first one's point of Q is to the nearest other
     /// point of Q. Counted both ways, and in a large S from every second, third, ... point only.
     pub near_pairs: usize,
-    /// Those of them whose codes are far apart: by more than five times 2 / sqrt(n), the radius of a cap with an n-th
-    /// of the sphere, which is what a patch has where the patches tile the sphere.
+    /// How many of these pairs have codes that are far apart: by more than five times 2 / sqrt(n), the radius of a cap
+    /// with an n-th of the sphere, which is what a patch has where the patches tile the sphere.
     pub folded_pairs: usize,
 }
 

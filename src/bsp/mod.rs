@@ -36,14 +36,13 @@ pub struct BspConfig {
     pub heads: usize,
     /// Neighbours k of a point in Phi. Default 8.
     pub neighbours: usize,
-    /// Codes m in a patch, M in the paper. Default 10.
+    /// Codes M in a patch. Default 10.
     pub patch: usize,
-    /// Codes on the whole sphere, as a multiple of n m. With about 1 the patches tile it; the authors' code has 50,000
+    /// Codes on the whole sphere, as a multiple of n M. With about 1 the patches tile it; the authors' code has 50,000
     /// codes for 300 points, a multiple of 17, whose patches are much smaller than the gaps between points. Default 1.
     pub code_density: f32,
     /// Points whose features a patch attends to: the nearest in space to its centre. `None` (`all`) is all of them, as
-    /// in the paper, at a cost of n^2 m for n points and patches of m codes; `Some(n)` is the same but for the order of
-    /// sums. Default 12.
+    /// in the paper, at a cost of n^2 M; `Some(n)` is the same but for the order of sums. Default 12.
     pub reach: Option<usize>,
     /// Whether Psi averages the positions of the points it attends to and adds a learned offset, instead of making
     /// positions from nothing. Default true, paper false.
@@ -93,7 +92,7 @@ impl BspConfig {
     }
 }
 
-/// Codes on the sphere, at most.
+/// The most codes that a sphere has.
 const MAX_CODES: usize = 1 << 24;
 
 /// The two maps with their parameters, for one cloud.
@@ -108,7 +107,7 @@ pub struct Bsp {
     code_step: f32,
 }
 
-/// What a forward pass puts on the tape.
+/// The variables that a forward pass puts on the tape, for the b centres of a block.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub struct BspOutput {
@@ -116,7 +115,7 @@ pub struct BspOutput {
     pub codes: Var,
     /// The codes of their patches on the unit sphere, (b M) x 3, patch by patch.
     pub patches: Var,
-    /// Their part of the parameterized surface S, (b M) x 3, in the working frame.
+    /// The part of the parameterized surface S that the patches make, (b M) x 3, in the working frame.
     pub surface: Var,
 }
 

@@ -20,13 +20,13 @@ pub struct Neighbourhood {
     centres: usize,
     neighbours: Arc<[u32]>,
     reach: Option<Arc<[u32]>>,
-    /// Where the codes of the context begin, c x 3, if they have a layout.
+    /// The initial codes of the context, c x 3, unit length, if `layout` is set.
     layout: Option<Arc<Tensor>>,
     /// The charts of the centres (b), if there are any.
     charts: Option<Arc<[Chart]>>,
 }
 
-/// What a whole cloud has once: where its codes begin, and its charts.
+/// Initial codes and charts of a whole cloud, from which blocks take theirs.
 struct Laid {
     codes: Vec<[f32; 3]>,
     charts: Option<Vec<Chart>>,
@@ -52,7 +52,7 @@ impl Laid {
         Some(Laid { codes, charts })
     }
 
-    /// Of the points of a block, of which the first `centres` are its centres.
+    /// The initial codes of the points of a block, and the charts of its centres, which are the first `centres` points.
     fn part(&self, context: &[u32], centres: usize) -> (Option<Arc<Tensor>>, Option<Arc<[Chart]>>) {
         let codes: Vec<[f32; 3]> = context.iter().map(|&i| self.codes[i as usize]).collect();
         let own = |charts: &Vec<Chart>| context[..centres].iter().map(|&i| charts[i as usize]).collect();

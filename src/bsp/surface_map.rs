@@ -21,23 +21,23 @@ pub enum Parameterization {
     Single,
     /// Several perceptrons, each from a square of its own to space ("Multiple"; AtlasNet).
     Multiple {
-        /// How many.
+        /// The number of perceptrons.
         maps: usize,
     },
 }
 
-/// Points on the surface of a global map, at most; they are all computed in every step.
+/// The most points that a global map puts on its surface, all of which are computed in every step.
 const MAX_GLOBAL_CODES: usize = 40_960;
 
-/// What makes S.
+/// A parameterization with its parameters: it computes S from the cloud.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum SurfaceMap {
-    /// Patch by patch.
+    /// Learned local patches: M points of S for each point of the cloud.
     Bsp(Box<Bsp>),
-    /// All at once.
+    /// Global maps: points of S do not belong to points of the cloud.
     Atlas(Atlas),
-    /// Patch by patch, and always the same.
+    /// Interpolation: M points of S for each point of the cloud, with nothing to learn.
     Upsample(Upsample),
 }
 
@@ -76,7 +76,7 @@ impl SurfaceMap {
         }
     }
 
-    /// The parameters, to be changed.
+    /// The parameters, for an optimiser to change.
     pub fn params_mut(&mut self) -> &mut Params {
         match self {
             SurfaceMap::Bsp(bsp) => bsp.params_mut(),

@@ -27,9 +27,9 @@ impl Outliers {
     }
 }
 
-/// Points shown of many.
+/// The most places that a message lists.
 const MAX_SHOWN: usize = 3;
-/// Fewer points give a shape by chance.
+/// The fewest points whose shape is judged: fewer look flat or straight by chance.
 const MIN_POINTS: usize = 20;
 /// The third extent of a cloud, of its first, below which it is nearly flat.
 const MIN_EXTENT_RATIO: f64 = 1e-4;

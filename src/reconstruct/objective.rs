@@ -94,9 +94,9 @@ loss_terms! {
         None => tape.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
         Some(tree) => surface_distance(tape, scene.crossings, scene.faces, tree, scene.cloud),
     });
-    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack
-    /// of being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked
-    /// at on 128 cubes a side after 0.65 and 0.8 of the training.
+    /// The mean of max(0, g + depth) at points on bridges: straight lines over gaps, no wider than the spacing of the
+    /// points, from the largest part of the surface, or from parts joined to it, to loose parts. Gaps are looked for on
+    /// 128 cubes a side after 0.65 and 0.8 of the training.
     bridge, " Default 0.01, paper 0.": |tape, scene| scene.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
 }
 
@@ -112,19 +112,20 @@ pub(super) struct Scene<'a> {
     pub gradient: Var,
     /// g at the seen points of the cloud, if a term asks for it.
     pub cloud_sdf: Option<Var>,
-    /// g at the bridges, and how far inside they are to be, if there are any.
+    /// g at the points of bridges and the depth that each is to have, if there are any.
     pub bridges: Option<(Var, Var)>,
     /// Moved vertices, v x 3.
     pub moved: Var,
     /// Vertices of the extracted surface.
     pub crossings: Var,
-    /// What stands for the extracted surface where distances start from it: its vertices or samples on its faces.
+    /// The points from which distances of the extracted surface to others are measured: its vertices or samples on its
+    /// faces.
     pub drawn: Var,
-    /// Its faces, where distances to it are not to its vertices.
+    /// The tree over its faces, where distances to the surface are to its faces and not to its vertices.
     pub tree: Option<&'a TriangleBvh>,
     /// The seen points of the cloud Q.
     pub cloud: Var,
-    /// What the surface is drawn to, see [`target`].
+    /// The points that the surface is drawn to, see [`target`].
     pub target: Var,
     /// L_para, in steps that train the parameterization.
     pub para: Option<Var>,

@@ -24,7 +24,7 @@ pub struct Reconstruction {
     /// Distinct points, input frame.
     pub(super) cloud: Vec<[f64; 3]>,
     pub(super) shape: FinalShape,
-    /// What is blended into the shape, if [`Config::finish`] asks for it and the points allow it.
+    /// The corrections to the shape, if [`Config::finish`] asks for it and the points allow it.
     pub(super) finish: Option<Finish>,
     /// S, working frame.
     pub(super) surface: Vec<[f32; 3]>,
@@ -32,7 +32,7 @@ pub struct Reconstruction {
     pub(super) notices: Vec<String>,
 }
 
-/// What a run ends with before it is finished, in the working frame.
+/// The signed distance that a run ends with, before the corrections of [`Finish`]; working frame.
 #[derive(Clone, Debug)]
 pub(super) enum FinalShape {
     /// A trained network.
@@ -44,7 +44,7 @@ pub(super) enum FinalShape {
 /// A closed mesh as a signed distance.
 #[derive(Clone, Debug)]
 pub(super) struct FoundShape {
-    /// What is saved of it.
+    /// The mesh, to be saved.
     #[cfg(feature = "checkpoint")]
     pub mesh: TriangleMesh,
     tree: TriangleBvh,
@@ -79,7 +79,7 @@ impl FinalShape {
         }
     }
 
-    /// What finishes the shape for `points` (n x 3), as far as `config` asks for it and they allow it.
+    /// The corrections to the shape for `points` (n x 3), as far as `config` asks for it and they allow it.
     pub fn finished_for(&self, points: &[[f32; 3]], config: &Config) -> Option<Finish> {
         match config.finish {
             Finishing::Points if FINISHED_POINTS.contains(&points.len()) => {
@@ -90,7 +90,7 @@ impl FinalShape {
         }
     }
 
-    /// Their gradients.
+    /// The gradients of the signed distances at `points` (m x 3).
     fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         match self {
             FinalShape::Learned(field) => field.gradient(points),
@@ -99,14 +99,14 @@ impl FinalShape {
     }
 }
 
-/// Cubes along each side of the lattice that the surface is searched from: a part that is smaller than these cubes,
-/// near no point and joined to nothing that is may be missed, and is not wanted.
+/// Cubes along each side of the lattice that the search for the surface starts from. A part that is smaller than these
+/// cubes may be missed if it is near no point and joined to no part that is; such parts are not wanted.
 const COARSE: usize = 16;
 
 /// How far a grid of distances reaches beyond the cloud, working frame.
 const BEYOND: f64 = 0.08;
 
-/// Half the way between the two places that a derivative of the finished distance is taken from, working frame.
+/// The step of central differences of the corrected distance, working frame.
 const DIFFERENCE: f32 = 1e-3;
 
 impl Reconstruction {

@@ -1,4 +1,4 @@
-//! What a run works on, from the points that are given to the first state.
+//! Preparation of a run: from the given points to the first state.
 
 use super::first_shape::{FirstShape, Samples};
 use super::state::State;
@@ -14,7 +14,7 @@ use rand::seq::SliceRandom;
 
 /// The stream of random numbers that orders the cloud; weights take stream 0, training step i takes i + 1.
 const ORDER_STREAM: u64 = u64::MAX;
-/// A cloud is not thinned to fewer points than these.
+/// The fewest points that a cloud is thinned to.
 const MIN_THINNED: usize = 64;
 
 /// A checked cloud and the options for it.
@@ -121,7 +121,7 @@ fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
     match (grid, config.batch.thin) {
         (Some(grid), Some(spacings)) if cloud.len() > config.batch.points => {
             let kept = thin_cloud(&cloud, spacings * grid.spacing());
-            // A heap of points and a far outlier would become a few points.
+            // A dense heap with a far outlier would become a few points: it is left whole.
             if kept.len() < MIN_THINNED {
                 return cloud;
             }

@@ -73,7 +73,7 @@ impl Trainer {
                 Err(error) => error,
             };
             let (phase, step) = self.setup.config.phase_at(self.state.step);
-            // Without a surface at the beginning there is none to go back to either.
+            // Where the first step of the training finds no surface, no earlier state has one either.
             let lost = error.kind() == ErrorKind::NoSurface && (phase, step) == (Phase::Train, 0);
             if lost && train::lower_to_points(&self.setup, &mut self.state)? {
                 continue;
@@ -101,8 +101,7 @@ impl Trainer {
         }
     }
 
-    /// One step of the present phase, from what it finds to the changed state. On an error the parameters are as before
-    /// it.
+    /// One step of the present phase. On an error the parameters are as before it.
     fn try_step(&mut self) -> Result<StepReport, Error> {
         let (phase, step) = self.setup.config.phase_at(self.state.step);
         let rate_factor = 0.5f32.powi(self.recoveries as i32);

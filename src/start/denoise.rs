@@ -111,8 +111,8 @@ struct Choice {
     gradients: Vec<f64>,
 }
 
-/// The choice that follows from the first by choosing again, until it is the same smoothing; at most [`MAX_ROUNDS`] times,
-/// and not beyond one after which no noise is found.
+/// The choice that follows from the first by choosing again, until it is the same smoothing; at most [`MAX_ROUNDS`]
+/// times, and not beyond one after which no noise is found.
 fn settled(mut last: Choice, again: impl Fn(&Choice) -> Option<Choice>) -> Choice {
     for _ in 0..MAX_ROUNDS {
         let Some(next) = again(&last) else { break };

@@ -22,11 +22,11 @@ const ODD: (f64, usize) = (2.0, 2);
 const PLANE_NEIGHBOURS: usize = 12;
 /// A point that reaches so much farther than usual is a stray wherever it lies.
 const MIN_LOST_FACTOR: f64 = 10.0;
-/// A cloud with more strays is no surface with strays.
+/// The largest share of strays: a cloud with more is not taken for a surface with strays.
 const MAX_SHARE: f64 = 0.1;
-/// Fewer points say nothing about each other.
+/// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
-/// Searches, each without the strays of those before: one far away hides nearer ones.
+/// The most searches, each without the strays of those before: one far away hides nearer ones.
 const MAX_ROUNDS: usize = 8;
 
 /// How readily a point is taken for a stray.

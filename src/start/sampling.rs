@@ -3,7 +3,7 @@
 use crate::geometry::{KdTree, Normalizer, Position};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-/// Fewer points say nothing about each other.
+/// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
 /// Neighbours that the usual distance of neighbours is the mean of.
 const REACHED: usize = 4;
@@ -27,7 +27,7 @@ const SHAPED: [usize; 2] = [6, 12];
 const MAX_CURVE_EXTENTS: [f64; 2] = [0.2, 0.4];
 /// The median third extent of neighbourhoods in a volume, of the first, at least. Thin parts of shapes have up to 0.46.
 const MIN_VOLUME_EXTENT: f64 = 0.5;
-/// Points that say what sampling they are; fewer on a small shape are as good as everywhere.
+/// The fewest points of which curves and volumes are told from surfaces; fewer look like any of them.
 const MIN_POINTS_OF_A_KIND: usize = 100;
 /// Usual distances of neighbours that separate parts, and the share of the points that makes a part.
 const PARTS: (f64, f64) = (6.0, 0.05);

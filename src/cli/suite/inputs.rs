@@ -9,7 +9,7 @@ use bijective_sdf::{Error, ErrorKind};
 use super::super::failure::Failure;
 use super::super::files::{Content, Input};
 
-/// A cloud to reconstruct, and what it was taken from.
+/// The files of a shape: a cloud to reconstruct and, if there is one, the truth that it was taken from.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub struct ShapeFiles {
     /// The stem of the cloud's file.

@@ -19,9 +19,9 @@ const WIDTH: usize = 2640;
 const ASPECT: f64 = 1.2;
 /// Columns beyond which labels would not fit.
 const MAX_COLUMNS: usize = 4;
-/// Pictures of a shape.
+/// The number of pictures of a shape: input, S, result and truth.
 const PANELS: usize = 4;
-/// Most pixels a side of one of them.
+/// The most pixels a side of one picture of a shape.
 const MAX_PANEL: usize = 360;
 /// Pixels between shapes.
 const GAP: usize = 8;

@@ -35,7 +35,7 @@ const INPUT_SEED: u64 = 0x696e_7075_7400_0000;
 pub struct Truth {
     /// Its mesh or cloud.
     pub content: Content,
-    /// What the mesh is like.
+    /// The topology, if it is a mesh.
     pub topology: Option<Topology>,
 }
 
@@ -108,11 +108,11 @@ fn added(points: &[[f32; 3]], offset: [f64; 3]) -> Vec<[f64; 3]> {
     points.iter().map(|p| std::array::from_fn(|a| f64::from(p[a]) + offset[a])).collect()
 }
 
-/// How to work.
+/// Where, how and with what the runs of a suite are made.
 pub struct Workshop<'a> {
     /// The directory of all results.
     pub out: &'a Path,
-    /// What holds for all runs.
+    /// How the meshes of all runs are taken and measured.
     pub measure: Measure,
     /// Runs at the same time.
     pub jobs: usize,

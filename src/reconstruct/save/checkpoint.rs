@@ -119,7 +119,7 @@ fn check_config(stored: &[(String, String)], config: &Config) -> Result<(), Erro
             return refused(key, message, "resume with the options that the run was started with");
         }
     }
-    // What it did cannot be known, and the run would not go on as it began.
+    // An option that this version does not know may have changed the training: the run would not go on as it began.
     match stored.iter().find(|(k, _)| entries.iter().all(|(key, _)| k != key)) {
         Some((key, _)) => {
             let message = "unknown to this version".to_string();

@@ -15,11 +15,11 @@ struct Added {
     key: &'static str,
     /// The first version of the file format whose files have it.
     since: u32,
-    /// What programs before did, as a value of the option.
+    /// The value that stands for what earlier programs did.
     before: &'static str,
 }
 
-/// Options that came after files were first read by later versions.
+/// Options that are younger than the oldest files that are read.
 const ADDED_TO_RESULTS: &[Added] = &[Added { key: "finish", since: 3, before: "none" }];
 const ADDED_TO_CHECKPOINTS: &[Added] = &[Added { key: "finish", since: 5, before: "none" }];
 
