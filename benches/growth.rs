@@ -54,10 +54,11 @@ fn clouds() {
     let mut rows = Vec::new();
     for n in [300, 1_000, 3_000, 10_000, 30_000, 100_000] {
         let (points, _) = TORUS.sample(n, 1);
-        let mut config = Config { scale_with_points: false, bsp_pretrain: STEPS, ..Config::default() };
-        config.start.steps = STEPS;
+        let mut config = Config::default();
+        config.scale_with_points = false;
+        (config.start.steps, config.bsp_pretrain) = (STEPS, STEPS);
         // All points count, as if the grid were fine enough for them.
-        config.batch.thin = 0.0;
+        config.batch.thin = None;
         config.stages = vec![Stage { resolution: 32, steps: STEPS }];
         peak();
         let began = Instant::now();

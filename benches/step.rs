@@ -4,7 +4,7 @@ mod common;
 
 use bijective_sdf::autodiff::Tape;
 use bijective_sdf::bsp::{Bsp, BspConfig, Neighbourhood};
-use bijective_sdf::field::{Activation, Field, FieldConfig, FieldPass, FieldValues, FieldVars};
+use bijective_sdf::field::{Field, FieldConfig, FieldPass, FieldValues, FieldVars};
 use bijective_sdf::gdo::{Deformation, deform};
 use bijective_sdf::loss::{Direction, mean_abs};
 use bijective_sdf::optim::{Adam, AdamOptions};
@@ -16,15 +16,8 @@ use std::sync::Arc;
 /// g and grad g at the vertices, the loss mean |V - g n|^2 + 0.01 mean |g|, and back to the weights.
 fn field(c: &mut Criterion) {
     for (width, depth, v) in [(64, 4, 2000), (128, 4, 4000), (128, 4, 16000), (256, 8, 4000)] {
-        let config = FieldConfig {
-            width,
-            depth,
-            octaves: 3,
-            frequency: 1.0,
-            activation: Activation::Softplus { beta: 100.0 },
-            skip: None,
-            radius: 0.35,
-        };
+        let mut config = FieldConfig::default();
+        (config.width, config.depth, config.frequency) = (width, depth, 1.0);
         let field = Field::new(config, &mut rng(1));
         let verts = sphere(v, 0.4, 0.01, 2);
         let (mut pass, mut tape) = (FieldPass::new(), Tape::new());
@@ -58,21 +51,11 @@ fn bsp(c: &mut Criterion) {
     // Attention to all points and positions from nothing, as in the paper; or attention to the nearest points, whose
     // positions are averaged.
     for (n, kind, reach, average_positions) in
-        [(300, "", 0, false), (300, " local", 12, true), (1024, "", 0, false), (1024, " local", 12, true)]
+        [300, 1024].into_iter().flat_map(|n| [(n, "", None, false), (n, " local", Some(12), true)])
     {
-        let config = BspConfig {
-            channels: 128,
-            heads: 4,
-            neighbours: 8,
-            patch: 10,
-            code_density: 1.0,
-            reach,
-            average_positions,
-            layout: false,
-            charts: false,
-            slack: 0.0,
-            normal_weight: 0.0,
-        };
+        let mut config = BspConfig::default();
+        (config.channels, config.reach, config.average_positions) = (128, reach, average_positions);
+        config.normal_weight = 0.0;
         let points = sphere(n, 0.5, 0.0, 1);
         let bsp = Bsp::new(config, &points, &mut rng(2));
         let whole = Neighbourhood::whole(&points, None, &config);

@@ -42,6 +42,24 @@
 //!   number of threads on one machine.
 //! - **Errors.** Wrong data gives an [`Error`] with where and what to do; wrong shapes are bugs and panic, naming both.
 //!
+//! # Building and matching public types
+//!
+//! Types that will grow are `#[non_exhaustive]`: options, reports of what was found, and enumerations of kinds such as
+//! presets, formats and parameterizations. Take such options from a preset or the default and assign fields; match such
+//! enumerations with a last arm `_`. Data that is complete as it is, such as a stage, a schedule, a mesh or a cloud,
+//! is open: write the struct out.
+//!
+//! ```
+//! use bijective_sdf::reconstruct::Stage;
+//! use bijective_sdf::{Config, Preset};
+//!
+//! let mut config = Config::preset(Preset::Fine);
+//! config.field.width = 64;
+//! config.clip = Some(1.0);
+//! config.stages = vec![Stage { resolution: 40, steps: 200 }];
+//! assert!(config.validate().is_ok());
+//! ```
+//!
 //! # Modules
 //!
 //! Most programs need [`mod@reconstruct`], [`io`] and [`geometry`]; the rest are the parts that the training is made

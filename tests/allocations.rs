@@ -46,8 +46,8 @@ fn a_warm_step_asks_for_little() {
 
 fn warm_steps() {
     let (points, _) = Shape::Torus { major: 0.36, minor: 0.14 }.sample(300, 1);
-    let mut config = Config { bsp_pretrain: 6, ..Config::default() };
-    config.start.steps = 100;
+    let mut config = Config::default();
+    (config.start.steps, config.bsp_pretrain) = (100, 6);
     // Two steps of a run look at the whole surface as it would be in the end; they are none of those meant here.
     config.weights.bridge = 0.0;
     let (refresh, cold) = (config.band.refresh, 12);

@@ -317,7 +317,7 @@ fn a_time_limit_ends_early_with_a_mesh() {
     for (options, total, phase) in [
         (&["--set", "start.shape=gauss", "--set", "start.steps=10"][..], 33, "start"),
         (&[], 23, "pretrain"),
-        (&["--set", "bsp.pretrain=0"], 20, "train"),
+        (&["--set", "bsp_pretrain=0"], 20, "train"),
     ] {
         let mut command = tiny(&dir.cloud(), &mesh);
         command.args(["--time-limit", "0", "--json"]).args(options);

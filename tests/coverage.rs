@@ -28,14 +28,14 @@ fn true_mesh(shape: &Shape) -> TriangleMesh {
     let (around, _) = shape.sample(2000, 2);
     let grid = TetGrid::covering([-1.0; 3], [1.0; 3], 64, 1).unwrap();
     let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-    extract(&grid, &mut sdf, &NarrowBandOptions { seeds: &around, ..Default::default() }).unwrap()
+    extract(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around)).unwrap()
 }
 
 /// `fast`, but with hardly a step of the field: S is what is looked at.
 fn short(parameterization: Parameterization) -> Config {
     let mut config = Config::preset(Preset::Fast);
     config.parameterization = parameterization;
-    for (key, value) in [("start.steps", "50"), ("stages", "16:12"), ("bsp.every", "1")] {
+    for (key, value) in [("start.steps", "50"), ("stages", "16:12"), ("bsp_every", "1")] {
         config.set(key, value).unwrap();
     }
     config
@@ -68,8 +68,8 @@ fn with_charts() -> Config {
         ("bsp.charts", "true"),
         ("bsp.average_positions", "false"),
         ("bsp.slack", "1"),
-        ("bsp.pretrain", "40"),
-        ("bsp.pretrain_on_shape", "false"),
+        ("bsp_pretrain", "40"),
+        ("bsp_pretrain_on_shape", "false"),
     ] {
         config.set(key, value).unwrap();
     }

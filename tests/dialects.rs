@@ -97,13 +97,15 @@ impl Dialect {
 
 /// Sound data with a word about each loss, or an error of one line with advice.
 fn answers(bytes: &[u8], format: Option<Format>) -> Option<PointCloud> {
-    match read_cloud_with(bytes, &ReadOptions { format, ..Default::default() }) {
+    let mut options = ReadOptions::default();
+    options.format = format;
+    match read_cloud_with(bytes, &options) {
         Ok(cloud) => {
             assert!(!cloud.points.is_empty() && cloud.points.as_flattened().iter().all(|x| x.is_finite()));
             assert!(cloud.left_out == 0 || !cloud.warnings.is_empty() || !cloud.notices.is_empty());
             assert!(cloud.warnings.iter().chain(&cloud.notices).all(|t| !t.contains('\n')));
             // Who asks for what stands beside the points gets the same points, and a value for each.
-            let options = ReadOptions { format, attributes: true, ..Default::default() };
+            options.attributes = true;
             let more = read_cloud_with(bytes, &options).expect("what is read without attributes");
             assert_eq!((&more.points, &more.warnings), (&cloud.points, &cloud.warnings));
             assert!(more.attributes.iter().all(|a| a.values.len() == more.points.len()));
@@ -204,7 +206,8 @@ proptest! {
             }
         }
         if dialect.header == Header::Names {
-            let options = ReadOptions { attributes: true, ..Default::default() };
+            let mut options = ReadOptions::default();
+            options.attributes = true;
             let attributes = read_cloud_with(text.as_bytes(), &options).unwrap().attributes;
             prop_assert_eq!(attributes.len(), dialect.before + dialect.behind, "{}", text);
             if dialect.behind > 0 {

@@ -124,7 +124,7 @@ fn a_resumed_run_needs_no_options_and_refuses_others() {
     };
     run(&mut resume(&[]), 0);
     assert!(first == fs::read(&mesh).unwrap());
-    run(&mut resume(&["--seed", "4", "--set", "field.width=16", "--set", "mesh.min_component=0.5"]), 0);
+    run(&mut resume(&["--seed", "4", "--set", "field.width=16", "--set", "min_component=0.5"]), 0);
     fails(&mut resume(&["--seed", "5"]), 3, &["run.checkpoint", "seed"]);
     fails(&mut resume(&["--preset", "fast"]), 3, &["run.checkpoint", "option"]);
     let field = dir.path("a.field");
@@ -280,7 +280,8 @@ fn vertices_take_what_the_nearest_point_that_was_kept_has() {
     assert_eq!(json.at("carried").to_string(), r#"["class","red","green","blue"]"#);
     assert_eq!(json.at("strays").as_array().unwrap().len(), 1);
     let read = |path: &Path| {
-        let options = ReadOptions { attributes: true, ..Default::default() };
+        let mut options = ReadOptions::default();
+        options.attributes = true;
         read_cloud_with(&fs::read(path).unwrap(), &options).unwrap()
     };
     let got = read(&mesh);

@@ -22,7 +22,7 @@ cd "$dir"
 awk 'BEGIN { for (i = 0; i < 80; i++) { u = i * 2.399963; v = 6.283185 * i / 80
     printf "%.6f %.6f %.6f\n", (2 + cos(u)) * cos(v), (2 + cos(u)) * sin(v), sin(u) } }' > cloud.xyz
 options='--seed 5 --threads 2 --quiet --resolution 32 --set field.width=16 --set field.depth=2 --set bsp.channels=8
-    --set bsp.heads=2 --set bsp.pretrain=40 --set stages=12:60,16:60'
+    --set bsp.heads=2 --set bsp_pretrain=40 --set stages=12:60,16:60'
 
 now() { date +%s%N; }
 began=$(now)

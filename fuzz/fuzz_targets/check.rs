@@ -8,9 +8,12 @@ use bijective_sdf::{Error, ErrorKind, geometry};
 
 /// Reads the bytes as a cloud.
 pub fn cloud(bytes: &[u8], format: Option<Format>) {
-    cloud_with(bytes, &ReadOptions { format, ..Default::default() });
+    let mut options = ReadOptions::default();
+    options.format = format;
+    cloud_with(bytes, &options);
     // What was doubted is read, too.
-    cloud_with(bytes, &ReadOptions { format, assume: true, ..Default::default() });
+    options.assume = true;
+    cloud_with(bytes, &options);
 }
 
 /// Reads the bytes as a cloud, as the options say.
@@ -33,8 +36,9 @@ pub fn cloud_with(bytes: &[u8], options: &ReadOptions) {
         let mut out = Vec::new();
         write_cloud_to(&mut out, &cloud.points, format, encoding).expect("what was read can be written");
         // Every row, whatever it looks like: random numbers may look like fillers.
-        let options =
-            ReadOptions { format: Some(format), assume: true, every_row: true, ..Default::default() };
+        let mut options = ReadOptions::default();
+        options.format = Some(format);
+        (options.assume, options.every_row) = (true, true);
         let again = read_cloud_with(&out, &options).expect("what was written can be read");
         assert_same(&again.points, &cloud.points);
     }

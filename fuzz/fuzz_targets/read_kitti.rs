@@ -9,6 +9,8 @@ fuzz_target!(|bytes: &[u8]| {
     check::cloud(bytes, Some(Format::Kitti));
     for raw in ["f32x3", "f32x5", "f64x3"] {
         let raw = Some(raw.parse().expect("rows of a raw file"));
-        check::cloud_with(bytes, &ReadOptions { format: Some(Format::Kitti), raw, ..Default::default() });
+        let mut options = ReadOptions::default();
+        (options.format, options.raw) = (Some(Format::Kitti), raw);
+        check::cloud_with(bytes, &options);
     }
 });

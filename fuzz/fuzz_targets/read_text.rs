@@ -10,10 +10,10 @@ fuzz_target!(|bytes: &[u8]| {
     check::cloud(bytes, Some(Format::Xyz));
     for (delimiter, skip) in [(Some(b'\t'), 0), (Some(b' '), 1), (Some(b';'), 2)] {
         let columns = Some(Columns::Numbers([2, 1, 3]));
-        check::cloud_with(
-            bytes,
-            &ReadOptions { format: Some(Format::Xyz), columns, delimiter, skip, ..Default::default() },
-        );
+        let mut options = ReadOptions::default();
+        (options.format, options.columns) = (Some(Format::Xyz), columns);
+        (options.delimiter, options.skip) = (delimiter, skip);
+        check::cloud_with(bytes, &options);
     }
     check::cloud(bytes, None);
     check::mesh(bytes, None);

@@ -35,7 +35,7 @@ static GENUINE: LazyLock<Genuine> = LazyLock::new(|| {
     (config.field.width, config.field.depth, config.field.octaves) = (4, 1, 1);
     (config.bsp.channels, config.bsp.heads, config.bsp.patch, config.bsp_pretrain) = (2, 1, 2, 1);
     config.stages = vec![Stage { resolution: 6, steps: 3 }];
-    (config.surface_samples, config.reference_area) = (20, 0.0);
+    (config.surface_samples, config.reference_area) = (Some(20), None);
     let mut trainer = Trainer::new(&points, &config).unwrap();
     for _ in 0..3 {
         trainer.step().unwrap();

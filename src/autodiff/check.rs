@@ -19,6 +19,7 @@ use std::fmt;
 
 /// How a gradient is checked.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct Options {
     /// Random directions per input.
     pub directions: usize,
@@ -38,6 +39,7 @@ impl Default for Options {
 
 /// Why a gradient is not known to be right.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Failure {
     /// It does not agree with finite differences.
     Mismatch {

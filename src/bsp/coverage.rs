@@ -11,9 +11,10 @@ use rayon::prelude::*;
 
 /// Points of S that are equal when rounded to multiples of this, in the working frame, are one place.
 const PLACE: f64 = 1e-4;
-/// Codes are far apart from so many radii of a cap with each point's share of the sphere on.
-const FAR: f64 = 5.0;
-/// Points of S whose near pairs are looked at, about; of more, every second, third, ... is taken.
+/// Two codes count as far apart from this distance on, in radii of the spherical cap that has each point's share of the
+/// sphere.
+const FAR_RADII: f64 = 5.0;
+/// About the most points of S whose near pairs are counted; of a larger S every second, third, ... point is taken.
 const MAX_LOOKED_AT: usize = 4096;
 
 /// The codes of a whole cloud and of its patches, and the sphere that they are of.
@@ -23,7 +24,7 @@ pub struct Codes {
     pub points: Vec<[f32; 3]>,
     /// P: the codes of the patches on the unit sphere, (n M) x 3, patch by patch, nearest first.
     pub patches: Vec<[f32; 3]>,
-    /// Which of the sphere's codes those are, n M indices below `sphere`.
+    /// The numbers of these codes among all codes of the sphere, n M indices below `sphere`.
     pub index: Vec<u32>,
     /// The number of codes m on the sphere that patches are taken from.
     pub sphere: usize,
@@ -43,6 +44,7 @@ pub struct Parameterized {
 /// How well S covers the cloud and, by its codes, the sphere. Lengths are in the frame of the cloud: for the figures
 /// of a run that is the working frame, in which the longest side of the input is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Coverage {
     /// Points n of Q.
     pub points: usize,
@@ -54,24 +56,25 @@ pub struct Coverage {
     pub q_to_s: f64,
     /// The mean distance from a point of S to the nearest of Q; about 0 where S has collapsed onto the points.
     pub s_to_q: f64,
-    /// The same of the codes, if there are any.
+    /// The figures of the codes, if the parameterization has codes.
     pub codes: Option<CodeCoverage>,
 }
 
 /// How well the codes cover the sphere, and whether the map back to space keeps them apart.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct CodeCoverage {
     /// The length of the mean code of the points: 0 where they are spread evenly, 1 where all are in one spot.
     pub mean_code: f64,
     /// Codes m on the sphere.
     pub sphere: usize,
-    /// Those of them that are in at least one patch.
+    /// How many of the sphere's codes are in at least one patch.
     pub used: usize,
     /// Pairs of points of S in one place: nearer to each other than the first one's point of Q is to the nearest other
     /// point of Q. Counted both ways, and in a large S from every second, third, ... point only.
     pub near_pairs: usize,
-    /// Those of them whose codes are far apart: by more than five times 2 / sqrt(n), the radius of a cap with an n-th
-    /// of the sphere, which is what a patch has where the patches tile the sphere.
+    /// How many of these pairs have codes that are far apart: by more than five times 2 / sqrt(n), the radius of a cap
+    /// with an n-th of the sphere, which is what a patch has where the patches tile the sphere.
     pub folded_pairs: usize,
 }
 
@@ -205,7 +208,7 @@ fn near_pairs(points: &[[f32; 3]], surface: &[[f32; 3]], codes: &[[f32; 3]]) -> 
     }
     let patch = surface.len() / n;
     let spacing = mean_distances(points, 1);
-    let far_sq = (2.0 * FAR / (n as f64).sqrt()).powi(2);
+    let far_sq = (2.0 * FAR_RADII / (n as f64).sqrt()).powi(2);
     let tree = KdTree::new(surface);
     let step = surface.len().div_ceil(MAX_LOOKED_AT);
     let of = |i: usize| {

@@ -8,15 +8,15 @@ use crate::geometry::{KdTree, fibonacci_sphere};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use rayon::prelude::*;
 
-/// Rounds of the relaxation.
+/// The number of relaxation rounds.
 const ROUNDS: usize = 160;
 /// In the last share of the rounds nothing draws neighbours together, so that the sphere is filled evenly.
 const EVEN_SHARE: f32 = 0.3;
-/// Codes around each that push it away.
+/// The number of nearest codes that push a code away.
 const PUSHING: usize = 24;
-/// How far they push, in spacings of a hexagonal layout.
+/// The distance at which a push has fallen to 0, in spacings of a hexagonal layout.
 const RANGE: f32 = 1.6;
-/// A push at distance 0, in spacings.
+/// The length of a push from a code at distance 0, in the same spacings.
 const PUSH: f32 = 0.35;
 /// The share of the way to the mean of its neighbours that a code goes in the first round.
 const DRAW: f32 = 0.4;

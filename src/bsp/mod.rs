@@ -26,41 +26,62 @@ use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
 use crate::random::Random;
 
-/// The sizes of the parameterization.
+/// The sizes of the parameterization; start from the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct BspConfig {
-    /// Channels c of features and attention.
+    /// Channels c of features and attention. Default 64, paper 128.
     pub channels: usize,
-    /// Attention heads; c is a multiple of it.
+    /// Attention heads h; c is a multiple of it. Default 4.
     pub heads: usize,
-    /// Neighbours k of a point in Phi.
+    /// Neighbours k of a point in Phi. Default 8.
     pub neighbours: usize,
-    /// Codes M in a patch.
+    /// Codes M in a patch. Default 10.
     pub patch: usize,
-    /// Codes on the whole sphere, as a multiple of N M. About 1 lets the patches tile it; the authors' code has 50,000
-    /// codes for 300 points, a multiple of 17, whose patches are much smaller than the gaps between points.
+    /// Codes on the whole sphere, as a multiple of n M. With about 1 the patches tile it; the authors' code has 50,000
+    /// codes for 300 points, a multiple of 17, whose patches are much smaller than the gaps between points. Default 1.
     pub code_density: f32,
-    /// Points whose features a patch attends to: the nearest in space to its centre. 0 for all of them, as in the
-    /// paper, at a cost of N^2 M; N is the same as 0 but for the order of sums.
-    pub reach: usize,
+    /// Points whose features a patch attends to: the nearest in space to its centre. `None` (`all`) is all of them, as
+    /// in the paper, at a cost of n^2 M; `Some(n)` is the same but for the order of sums. Default 12.
+    pub reach: Option<usize>,
     /// Whether Psi averages the positions of the points it attends to and adds a learned offset, instead of making
-    /// positions from nothing.
+    /// positions from nothing. Default true, paper false.
     pub average_positions: bool,
     /// Whether codes begin in a layout that fills the sphere evenly and keeps neighbours together, with what the head
-    /// of Phi learns added to it. Without, as in the paper, they are what the head makes of the features: all in one
-    /// spot at first.
+    /// of Phi learns added to it. Without, they are what the head makes of the features, as the paper says: all in one
+    /// spot at first. Default false; the preset `paper` has true (`benches/paper.md`).
     pub layout: bool,
     /// Whether Psi adds what it learns to a chart of each point: the patch as a disc around the point, with the
     /// point's share of the surface, in the plane of its normal and bent as its neighbours lie. Needs `layout`, and
-    /// takes the place of `average_positions`.
+    /// takes the place of `average_positions`. Default false; the preset `paper` has true (`benches/paper.md`).
     pub charts: bool,
     /// L_para asks nothing of points of S that are nearer to the cloud than this share of their chart's radius: so that
-    /// S need not lie on the points to be a surface through them. 0 as in the paper; has no effect without `charts`.
+    /// S need not lie on the points to be a surface through them. Has no effect without `charts`. Default 0; the preset
+    /// `paper` has 1 (`benches/paper.md`).
     pub slack: f32,
     /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
     /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the spacing around p. It
-    /// keeps S from bridging sheets that lie close together. 0 for the distance in space, as in the paper.
+    /// keeps S from bridging sheets that lie close together. 0 is the distance in space, as in the paper. Default 1.5.
     pub normal_weight: f32,
+}
+
+impl Default for BspConfig {
+    /// Those of the preset `default`.
+    fn default() -> Self {
+        BspConfig {
+            channels: 64,
+            heads: 4,
+            neighbours: 8,
+            patch: 10,
+            code_density: 1.0,
+            reach: Some(12),
+            average_positions: true,
+            layout: false,
+            charts: false,
+            slack: 0.0,
+            normal_weight: 1.5,
+        }
+    }
 }
 
 impl BspConfig {
@@ -71,7 +92,7 @@ impl BspConfig {
     }
 }
 
-/// Codes on the sphere, at most.
+/// The most codes that a sphere has.
 const MAX_CODES: usize = 1 << 24;
 
 /// The two maps with their parameters, for one cloud.
@@ -86,14 +107,15 @@ pub struct Bsp {
     code_step: f32,
 }
 
-/// What a forward pass puts on the tape.
+/// The variables that a forward pass puts on the tape, for the b centres of a block.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct BspOutput {
     /// The codes of the b centres on the unit sphere, b x 3.
     pub codes: Var,
     /// The codes of their patches on the unit sphere, (b M) x 3, patch by patch.
     pub patches: Var,
-    /// Their part of the parameterized surface S, (b M) x 3, in the working frame.
+    /// The part of the parameterized surface S that the patches make, (b M) x 3, in the working frame.
     pub surface: Var,
 }
 
@@ -164,7 +186,7 @@ mod tests {
     use crate::ops::testing::normal;
     use crate::tensor::Tensor;
 
-    pub(super) fn small(reach: usize, average_positions: bool) -> BspConfig {
+    pub(super) fn small(reach: Option<usize>, average_positions: bool) -> BspConfig {
         BspConfig {
             channels: 8,
             heads: 2,
@@ -185,12 +207,12 @@ mod tests {
         let cloud = normal(&[9, 3], 5);
         let points = cloud.to_points();
         for (reach, average, charts) in [
-            (0, false, false),
-            (0, true, false),
-            (4, false, false),
-            (4, true, false),
-            (0, false, true),
-            (4, false, true),
+            (None, false, false),
+            (None, true, false),
+            (Some(4), false, false),
+            (Some(4), true, false),
+            (None, false, true),
+            (Some(4), false, true),
         ] {
             let config = BspConfig { layout: charts, charts, ..small(reach, average) };
             let bsp = Bsp::new(config, &points, &mut Random::new(2));
@@ -240,12 +262,12 @@ mod tests {
     fn global_attention_equals_a_reach_of_all_points() {
         let cloud = normal(&[7, 3], 1);
         let points = cloud.to_points();
-        let surfaces: Vec<Vec<f32>> = [0, 6]
+        let surfaces: Vec<Vec<f32>> = [None, Some(6)]
             .iter()
             .map(|&reach| {
                 let bsp = Bsp::new(small(reach, true), &points, &mut Random::new(2));
                 let mut whole = Neighbourhood::whole(&points, None, bsp.config());
-                if reach > 0 {
+                if reach.is_some() {
                     // All seven, though a reach of n is otherwise taken as global.
                     whole.attend_to_all(&points);
                 }

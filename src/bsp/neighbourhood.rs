@@ -20,13 +20,13 @@ pub struct Neighbourhood {
     centres: usize,
     neighbours: Arc<[u32]>,
     reach: Option<Arc<[u32]>>,
-    /// Where the codes of the context begin, c x 3, if they have a layout.
+    /// The initial codes of the context, c x 3, unit length, if `layout` is set.
     layout: Option<Arc<Tensor>>,
     /// The charts of the centres (b), if there are any.
     charts: Option<Arc<[Chart]>>,
 }
 
-/// What a whole cloud has once: where its codes begin, and its charts.
+/// Initial codes and charts of a whole cloud, from which blocks take theirs.
 struct Laid {
     codes: Vec<[f32; 3]>,
     charts: Option<Vec<Chart>>,
@@ -52,7 +52,7 @@ impl Laid {
         Some(Laid { codes, charts })
     }
 
-    /// Of the points of a block, of which the first `centres` are its centres.
+    /// The initial codes of the points of a block, and the charts of its centres, which are the first `centres` points.
     fn part(&self, context: &[u32], centres: usize) -> (Option<Arc<Tensor>>, Option<Arc<[Chart]>>) {
         let codes: Vec<[f32; 3]> = context.iter().map(|&i| self.codes[i as usize]).collect();
         let own = |charts: &Vec<Chart>| context[..centres].iter().map(|&i| charts[i as usize]).collect();
@@ -71,8 +71,8 @@ impl Neighbourhood {
         let n = points.len();
         let finder = SheetFinder::new(points, normals, config.normal_weight);
         let context: Vec<u32> = (0..n as u32).collect();
-        let reach =
-            (config.reach > 0 && config.reach < n).then(|| finder.k_nearest(&context, config.reach).into());
+        let reach = config.reach.filter(|&reach| reach < n);
+        let reach = reach.map(|reach| finder.k_nearest(&context, reach).into());
         let neighbours = finder.k_nearest(&context, config.neighbours.clamp(1, n)).into();
         let laid = Laid::of(points, normals, &finder, config);
         let (layout, charts) = laid.map_or((None, None), |laid| laid.part(&context, n));
@@ -146,8 +146,8 @@ impl Neighbourhood {
         config: &BspConfig,
     ) -> Self {
         let n = points.len();
-        let (reach, k) = (config.reach.min(n), config.neighbours.clamp(1, n));
-        let around = reach.max(k);
+        let (reach, k) = (config.reach.map(|reach| reach.min(n)), config.neighbours.clamp(1, n));
+        let around = reach.unwrap_or(k).max(k);
         let near = finder.k_nearest(&centres, around);
         // Not always among those: both are chosen from the points in space that are near enough for their number.
         let own = finder.k_nearest(&centres, k);
@@ -169,7 +169,7 @@ impl Neighbourhood {
         let within = SheetFinder::new(&places, normals.as_deref(), config.normal_weight);
         let neighbours =
             own.iter().map(|&point| row[point as usize]).chain(within.k_nearest(&others, k)).collect();
-        let reach = (reach > 0).then(|| {
+        let reach = reach.map(|reach| {
             let nearest = near.chunks_exact(around).flat_map(|near| &near[..reach]);
             nearest.map(|&point| row[point as usize]).collect()
         });
@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn blocks_hold_every_point_once_and_what_it_depends_on() {
-        let config = BspConfig { reach: 6, ..super::super::tests::small(6, true) };
+        let config = BspConfig { reach: Some(6), ..super::super::tests::small(Some(6), true) };
         for n in [1, 2, 7, 40, 133] {
             let points = normal(&[n, 3], n as u64).to_points();
             let turned = normal(&[n, 3], 7).to_points();
@@ -268,7 +268,10 @@ mod tests {
                     // The centres' own neighbours are those in the whole cloud.
                     assert_eq!(cloud(&block.neighbours[..b * k]), finder.k_nearest(block.centres(), k));
                     if let Some(reach) = block.reach() {
-                        assert_eq!(cloud(reach), finder.k_nearest(block.centres(), config.reach.min(n)));
+                        assert_eq!(
+                            cloud(reach),
+                            finder.k_nearest(block.centres(), config.reach.unwrap().min(n))
+                        );
                     }
                 }
             }

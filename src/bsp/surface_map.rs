@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 /// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Parameterization {
     /// Bijective surface parameterization: local patches on the sphere.
     Bsp,
@@ -20,22 +21,23 @@ pub enum Parameterization {
     Single,
     /// Several perceptrons, each from a square of its own to space ("Multiple"; AtlasNet).
     Multiple {
-        /// How many.
+        /// The number of perceptrons.
         maps: usize,
     },
 }
 
-/// Points on the surface of a global map, at most; they are all computed in every step.
-const GLOBAL_CODES: usize = 40_960;
+/// The most points that a global map puts on its surface, all of which are computed in every step.
+const MAX_GLOBAL_CODES: usize = 40_960;
 
-/// What makes S.
+/// A parameterization with its parameters: it computes S from the cloud.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum SurfaceMap {
-    /// Patch by patch.
+    /// Learned local patches: M points of S for each point of the cloud.
     Bsp(Box<Bsp>),
-    /// All at once.
+    /// Global maps: points of S do not belong to points of the cloud.
     Atlas(Atlas),
-    /// Patch by patch, and always the same.
+    /// Interpolation: M points of S for each point of the cloud, with nothing to learn.
     Upsample(Upsample),
 }
 
@@ -52,7 +54,7 @@ impl SurfaceMap {
         points: &[[f32; 3]],
         rng: &mut Random,
     ) -> Option<Self> {
-        let codes = (points.len() * config.patch).min(GLOBAL_CODES);
+        let codes = (points.len() * config.patch).min(MAX_GLOBAL_CODES);
         let c = config.channels;
         Some(match parameterization {
             Parameterization::None => return None,
@@ -74,7 +76,7 @@ impl SurfaceMap {
         }
     }
 
-    /// The parameters, to be changed.
+    /// The parameters, for an optimiser to change.
     pub fn params_mut(&mut self) -> &mut Params {
         match self {
             SurfaceMap::Bsp(bsp) => bsp.params_mut(),
@@ -217,7 +219,8 @@ mod tests {
     fn blocks_give_the_surface_that_the_whole_gives_where_their_context_is_complete() {
         // With all points in every context the blocks differ from the whole in nothing but the order of sums.
         let points = normal(&[21, 3], 3).to_points();
-        let config = BspConfig { neighbours: 4, reach: 21, ..super::super::tests::small(21, true) };
+        let config =
+            BspConfig { neighbours: 4, reach: Some(21), ..super::super::tests::small(Some(21), true) };
         let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut Random::new(1)).unwrap();
         let whole = map.surface(&points, &map.blocks(&points, None, 100));
         let blocks = map.blocks(&points, None, 6);
@@ -230,7 +233,7 @@ mod tests {
     #[test]
     fn the_codes_of_a_cloud_are_those_that_its_surface_comes_from() {
         let points = normal(&[21, 3], 3).to_points();
-        let config = BspConfig { neighbours: 4, reach: 5, ..super::super::tests::small(5, true) };
+        let config = BspConfig { neighbours: 4, reach: Some(5), ..super::super::tests::small(Some(5), true) };
         let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut Random::new(1)).unwrap();
         let SurfaceMap::Bsp(bsp) = &map else { panic!("asked for BSP") };
         let blocks = map.blocks(&points, None, 6);
@@ -259,7 +262,7 @@ mod tests {
     #[test]
     fn interpolation_is_the_same_in_blocks_and_has_no_parameters() {
         let points = normal(&[40, 3], 3).to_points();
-        let config = super::super::tests::small(4, true);
+        let config = super::super::tests::small(Some(4), true);
         let map = SurfaceMap::new(Parameterization::Upsample, config, &points, &mut Random::new(1)).unwrap();
         assert!(map.params().is_empty());
         let blocks = map.blocks(&points, None, 6);
@@ -278,7 +281,7 @@ mod tests {
             (Parameterization::Single, 27),
             (Parameterization::Multiple { maps: 5 }, 30),
         ] {
-            let config = super::super::tests::small(4, true);
+            let config = super::super::tests::small(Some(4), true);
             let map = SurfaceMap::new(kind, config, &points, &mut Random::new(1)).unwrap();
             let surface = map.surface(&points, &map.blocks(&points, None, 4));
             assert_eq!((surface.len(), map.surface_len(9)), (want, want));
@@ -288,6 +291,8 @@ mod tests {
         }
         let mut rng = Random::new(1);
         let none = Parameterization::None;
-        assert!(SurfaceMap::new(none, super::super::tests::small(4, true), &points, &mut rng).is_none());
+        assert!(
+            SurfaceMap::new(none, super::super::tests::small(Some(4), true), &points, &mut rng).is_none()
+        );
     }
 }

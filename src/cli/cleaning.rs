@@ -27,12 +27,12 @@ impl Outliers {
     }
 }
 
-/// Points shown of many.
-const SHOWN: usize = 3;
-/// Fewer points give a shape by chance.
-const FEW: usize = 20;
+/// The most places that a message lists.
+const MAX_SHOWN: usize = 3;
+/// The fewest points whose shape is judged: fewer look flat or straight by chance.
+const MIN_POINTS: usize = 20;
 /// The third extent of a cloud, of its first, below which it is nearly flat.
-const FLAT: f64 = 1e-4;
+const MIN_EXTENT_RATIO: f64 = 1e-4;
 
 /// The numbers of the strays among distinct points, ascending, and what to say of them.
 pub fn strays(points: &[[f64; 3]], outliers: Outliers) -> (Vec<u32>, Option<String>) {
@@ -42,8 +42,8 @@ pub fn strays(points: &[[f64; 3]], outliers: Outliers) -> (Vec<u32>, Option<Stri
         return (found, None);
     }
     let place = |i: &u32| format!("({})", points[*i as usize].map(shortest).join(", "));
-    let places: Vec<String> = found.iter().take(SHOWN).map(place).collect();
-    let more = if found.len() > SHOWN { ", ..." } else { "" };
+    let places: Vec<String> = found.iter().take(MAX_SHOWN).map(place).collect();
+    let more = if found.len() > MAX_SHOWN { ", ..." } else { "" };
     let (what, advice) = match outliers {
         Outliers::Keep => ("belong", "--outliers auto leaves them out"),
         _ => ("were left out: they belong", "--outliers keep takes them in"),
@@ -64,11 +64,11 @@ pub fn without<T: Copy>(points: &[T], left_out: &[u32]) -> Vec<T> {
 pub fn doubts(clean: &CleanCloud) -> Vec<String> {
     let mut told = Vec::new();
     let n = clean.points.len();
-    if n < FEW {
+    if n < MIN_POINTS {
         told.push(format!("{n} points are few: the shape between them is a guess; a few hundred are better"));
     }
     let [first, _, third] = clean.extents;
-    if third < FLAT * first {
+    if third < MIN_EXTENT_RATIO * first {
         told.push(format!(
             "the points are nearly in one plane: they extend {third:.1e} across and {first:.1e} along it; a surface \
              needs points on all of its sides"

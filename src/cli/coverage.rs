@@ -78,12 +78,31 @@ impl TruthCoverage {
 }
 
 #[cfg(test)]
-mod tests {
+pub mod tests {
     use super::*;
+    use bijective_sdf::bsp::{Codes, Parameterized};
+
+    /// Round figures, with or without those of codes.
+    pub fn some_coverage(with_codes: bool) -> Coverage {
+        let points = vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
+        let surface = points.repeat(2);
+        let codes = with_codes.then(|| Codes {
+            points: points.clone(),
+            patches: surface.clone(),
+            index: vec![0, 1, 2, 3, 4, 5],
+            sphere: 8,
+        });
+        let mut coverage = Parameterized { points, surface, codes }.coverage().unwrap();
+        (coverage.q_to_s, coverage.s_to_q) = (0.25, 0.5);
+        if let Some(codes) = &mut coverage.codes {
+            (codes.mean_code, codes.near_pairs, codes.folded_pairs) = (0.5, 0, 0);
+        }
+        coverage
+    }
 
     #[test]
     fn what_is_not_there_is_null() {
-        let c = Coverage { points: 3, surface: 6, distinct: 3, q_to_s: 0.25, s_to_q: 0.5, codes: None };
+        let c = some_coverage(false);
         assert_eq!(
             coverage_json(Some(&c)),
             "{\"points\":3,\"surface_points\":6,\"distinct\":3,\"distinct_share\":0.5,\"q_to_s\":0.25,\"s_to_q\":0.5,\
@@ -91,8 +110,7 @@ mod tests {
              \"folded\":null}"
         );
         assert_eq!((coverage_json(None), coverage_text(&c).len()), ("null".to_string(), 1));
-        let codes = CodeCoverage { mean_code: 0.5, sphere: 8, used: 6, near_pairs: 0, folded_pairs: 0 };
-        let lines = coverage_text(&Coverage { codes: Some(codes), ..c });
+        let lines = coverage_text(&some_coverage(true));
         assert!(lines[0].contains("3 of 6 points distinct (50.0 %)") && lines[1].contains("(75.0 %), - of"));
     }
 }

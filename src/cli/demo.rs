@@ -23,7 +23,7 @@ use super::reconstruct::describe;
 use super::report::{gate, report_json, report_text};
 use super::sample::add_noise;
 use super::settings::Settings;
-use super::train::{Plan, train};
+use super::train::{TrainingPlan, train};
 
 /// Cubes along the grid that the true mesh is taken from.
 const TRUTH_RESOLUTION: usize = 160;
@@ -84,13 +84,15 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     add_noise(&mut points, args.noise, config.seed);
     common.note(&format!("{} points on {name}, preset {preset}, seed {}", points.len(), config.seed));
 
-    let plan = Plan { quiet: common.quiet, ..Plan::default() };
+    let plan = TrainingPlan { quiet: common.quiet, ..TrainingPlan::default() };
     let trained = train(&widened(&points), &config, &plan, None)?;
     let mesh = trained.field.mesh(args.resolution)?;
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;
     let local = mesh.about([0.0; 3]);
-    let report = evaluate(GroundTruth::Mesh(&truth), &local, &Options { surface: true, ..Options::shape() })?;
+    let mut options = Options::shape();
+    options.surface = true;
+    let report = evaluate(GroundTruth::Mesh(&truth), &local, &options)?;
     let s = about(&trained.field.surface_points(), [0.0; 3]);
     let sets = [&points[..], &s];
     let sets = if s.is_empty() { &sets[..1] } else { &sets };
@@ -148,5 +150,5 @@ fn true_mesh(shape: &Shape, seed: u64) -> Result<TriangleMesh, Failure> {
     let (low, high) = (bounds.min.map(|x| (x - 0.02) as f32), bounds.max.map(|x| (x + 0.02) as f32));
     let grid = TetGrid::covering(low, high, TRUTH_RESOLUTION, 1)?;
     let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-    Ok(extract(&grid, &mut sdf, &NarrowBandOptions { seeds: &around, ..Default::default() })?)
+    Ok(extract(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around))?)
 }

@@ -85,8 +85,8 @@ fn protocol_parser() -> impl TypedValueParser<Value = Protocol> {
 impl EvaluateArgs {
     /// The protocol's options, and what was said explicitly over them.
     fn options(&self) -> Options {
-        let mut options =
-            Options { seed: self.seed, surface: self.surface, ..self.protocol.unwrap_or_default().options() };
+        let mut options = self.protocol.unwrap_or_default().options();
+        (options.seed, options.surface) = (self.seed, self.surface);
         if let Some(samples) = self.samples {
             (options.samples, options.gt_samples, options.scan_samples) = (samples, None, None);
         }

@@ -19,7 +19,7 @@ pub enum Failure {
     Gate(String),
     /// The user asked to stop.
     Interrupted(String),
-    /// The reader of our output went away, which is its right.
+    /// The reader of the standard output closed the pipe.
     Closed,
 }
 
@@ -54,7 +54,7 @@ impl Failure {
         Some(text.lines().map(str::trim).filter(|l| !l.is_empty()).collect::<Vec<_>>().join(" "))
     }
 
-    /// The line without the word for what it is.
+    /// The line without the leading word, such as `error`.
     pub fn text(&self) -> String {
         let line = self.line().unwrap_or_default();
         line.split_once(": ").map_or(line.clone(), |(_, text)| text.to_string())

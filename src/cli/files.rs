@@ -84,7 +84,9 @@ pub struct Input<'a> {
 impl<'a> Input<'a> {
     /// Reads everything; the format is the given one, else what the content shows, else what the file name says.
     pub fn read(path: &'a Path, format: Option<Format>) -> Result<Self, Failure> {
-        Self::read_with(path, ReadOptions { format, ..ReadOptions::default() })
+        let mut options = ReadOptions::default();
+        options.format = format;
+        Self::read_with(path, options)
     }
 
     /// Reads everything, to be understood as the user says.

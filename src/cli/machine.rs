@@ -8,9 +8,9 @@ use bijective_sdf::reconstruct::Config;
 use super::Common;
 use super::failure::Failure;
 
-/// Threads that may be asked for, a processor; so many more only take memory.
+/// The most threads that may be asked for, per processor; more only take memory.
 const THREADS: usize = 4;
-/// The same at least, so that small machines can try what large ones do.
+/// The least limit, so that small machines can try what large ones do.
 const MIN_THREADS: usize = 16;
 
 /// Refuses more threads than make sense.
@@ -24,12 +24,12 @@ pub fn check_threads(threads: usize) -> Result<(), Failure> {
     Err(Failure::Usage(text))
 }
 
-/// Bytes that a step on a grid of `cubes` a side takes for each of their squares: the active vertices, some 12 for a
-/// square of the sheet that a shape fills the grid with, times what the pass through the field keeps of each.
+/// Bytes of a training step on a grid of `cubes` a side, over cubes^2: about 12 active vertices for each square that
+/// the surface crosses, times the bytes that the pass through the field keeps of each.
 const STEP: f64 = 4000.0;
-/// The same of taking the mesh, per square: values and places of the finest level, and the mesh.
+/// Bytes of the extraction of a mesh, over cubes^2: values and places of the finest level, and the mesh.
 const MESH: f64 = 1500.0;
-/// Megabytes from which on it is told what a run will need.
+/// The least megabytes of which the user is told beforehand.
 const WORTH_TELLING: f64 = 2000.0;
 
 /// Bytes that the largest grids of a run may need: those of its stages, and that of the mesh.

@@ -58,7 +58,8 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     args.fineness.check(field.config(), common)?;
     let carried = match &args.carry {
         Some(path) => {
-            let options = ReadOptions { attributes: true, ..Default::default() };
+            let mut options = ReadOptions::default();
+            options.attributes = true;
             let cloud = Input::read_with(path, options)?.cloud()?;
             common.tell(&cloud.warnings, &cloud.notices);
             let every: Vec<u32> = (0..cloud.points.len() as u32).collect();

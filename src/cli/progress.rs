@@ -108,7 +108,7 @@ impl Progress {
         match r.phase {
             Phase::Start => format!("first shape  distance {:.2e}", r.loss),
             Phase::Pretrain => format!("parameterization alone  para {:.2e}", r.terms.para),
-            Phase::Train => {
+            _ => {
                 let mut text = format!("{}loss {:.2e}", self.left(done), r.loss);
                 for (name, value) in r.terms.each().into_iter().filter(|(_, value)| *value > 0.0) {
                     text += &format!("  {name} {value:.1e}");

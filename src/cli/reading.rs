@@ -61,20 +61,16 @@ impl ReadArgs {
     }
 
     fn read<'a>(&self, path: &'a Path, every_row: bool, attributes: bool) -> Result<Input<'a>, Failure> {
-        Input::read_with(
-            path,
-            ReadOptions {
-                format: self.format.or(self.raw.map(|_| Format::Kitti)),
-                hint: None,
-                columns: self.columns.clone(),
-                delimiter: self.delimiter,
-                skip: self.skip,
-                raw: self.raw,
-                assume: self.assume,
-                every_row,
-                attributes,
-            },
-        )
+        let mut options = ReadOptions::default();
+        options.format = self.format.or(self.raw.map(|_| Format::Kitti));
+        options.columns = self.columns.clone();
+        options.delimiter = self.delimiter;
+        options.skip = self.skip;
+        options.raw = self.raw;
+        options.assume = self.assume;
+        options.every_row = every_row;
+        options.attributes = attributes;
+        Input::read_with(path, options)
     }
 }
 

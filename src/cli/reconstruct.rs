@@ -29,7 +29,7 @@ use super::preview::{View, ViewArgs, check_picture, render};
 use super::reading::ReadArgs;
 use super::report::{gate, gate_open, passes_gate, topology_json};
 use super::settings::Settings;
-use super::train::{Plan, Trained, train};
+use super::train::{Trained, TrainingPlan, train};
 use super::trim::TrimArgs;
 
 /// Seconds between two checkpoints.
@@ -270,7 +270,8 @@ fn resumed(path: &Path, args: &ReconstructArgs) -> Result<(Config, &'static str)
         return Err(Failure::Input(error.advise("make a mesh of it with `bijective-sdf mesh`")));
     }
     let (config, preset) = args.settings.build()?;
-    let run = Config { finish: config.finish, min_component: config.min_component, ..saved.config.clone() };
+    let mut run = saved.config.clone();
+    (run.finish, run.min_component) = (config.finish, config.min_component);
     if config.clone().for_points(saved.points) == run {
         return Ok((config, preset.name()));
     }
@@ -419,8 +420,8 @@ fn is_ordinary(path: &Path) -> bool {
     !is_pipe(path) && fs::metadata(path).map_or(true, |m| m.is_file())
 }
 
-fn plan(args: &ReconstructArgs, common: Common) -> Plan {
-    Plan {
+fn plan(args: &ReconstructArgs, common: Common) -> TrainingPlan {
+    TrainingPlan {
         checkpoint: args.checkpoint.clone().map(|path| (path, Duration::from_secs(args.checkpoint_every))),
         on_interrupt: (!is_pipe(&args.output)).then(|| behind(&args.output, ".checkpoint")),
         resume: args.resume.clone(),

@@ -12,7 +12,7 @@ use super::progress::Progress;
 
 /// When to stop and what to write on the way.
 #[derive(Clone, Debug, Default)]
-pub struct Plan {
+pub struct TrainingPlan {
     /// Where to write checkpoints now and then, and the time between two.
     pub checkpoint: Option<(PathBuf, Duration)>,
     /// Where to write a checkpoint on Ctrl-C.
@@ -52,7 +52,7 @@ pub struct Trained {
 pub fn train(
     points: &[[f64; 3]],
     config: &Config,
-    plan: &Plan,
+    plan: &TrainingPlan,
     interrupt: Option<&Interrupt>,
 ) -> Result<Trained, Failure> {
     let began = Instant::now();
@@ -128,7 +128,7 @@ pub fn train(
     })
 }
 
-fn interrupted(trainer: &Trainer, plan: &Plan) -> Result<Failure, Failure> {
+fn interrupted(trainer: &Trainer, plan: &TrainingPlan) -> Result<Failure, Failure> {
     let at = format!("after step {} of {}", trainer.steps_done(), trainer.total_steps());
     // Beside the output, if the place for checkpoints has no room.
     let paths = plan.checkpoint.iter().map(|(path, _)| path).chain(&plan.on_interrupt);

@@ -53,7 +53,7 @@ impl TrimArgs {
         }
         let near = support(&mesh.verts, points)?;
         let Some(factor) = self.trim else { return Ok(Part { mesh, cut: None, support: Some(near.gap) }) };
-        let Trimmed { mesh, removed, gap } = trim(&mesh, &near, factor);
+        let Trimmed { mesh, removed, gap, .. } = trim(&mesh, &near, factor);
         if mesh.faces.is_empty() {
             return Err(Failure::from(nothing_left(factor)));
         }

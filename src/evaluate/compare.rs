@@ -6,7 +6,7 @@ use crate::geometry::{Bounds, Normalizer, TriangleBvh, TriangleMesh, sample_surf
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
-/// What the prediction is held against.
+/// The surface that a prediction is compared with.
 #[derive(Clone, Copy, Debug)]
 pub enum GroundTruth<'a> {
     /// A mesh, which is sampled.
@@ -31,14 +31,15 @@ pub enum Frame {
     GroundTruthUnit,
 }
 
-/// How to compare.
+/// How surfaces are sampled and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Options {
     /// Samples of each mesh; 100,000 is usual for shapes, 1,000,000 for scenes.
     pub samples: usize,
     /// Samples of the ground truth, if not as many as of the prediction; of a cloud, at most so many points are used.
     pub gt_samples: Option<usize>,
-    /// The same of a scan.
+    /// Samples of a scan, if not as many as of the prediction.
     pub scan_samples: Option<usize>,
     /// Use every point of a ground truth or scan that is a cloud, however many there are.
     pub whole_clouds: bool,
@@ -119,6 +120,7 @@ impl Default for Options {
 
 /// The result of [`evaluate`].
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Report {
     /// Sample-to-sample metrics, in units of the frame.
     pub metrics: Metrics,

@@ -28,6 +28,7 @@ impl<'a> Samples<'a> {
 
 /// What is measured from one set of samples to the other surface. Distances in the frame's units.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Directed {
     /// Mean distance.
     pub mean: f64,
@@ -45,6 +46,7 @@ pub struct Directed {
 
 /// Precision, recall and their harmonic mean at one threshold, each from 0 to 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FScore {
     /// The threshold, in the frame's units.
     pub tau: f64,
@@ -58,6 +60,7 @@ pub struct FScore {
 
 /// The comparison of a prediction with a ground truth, in both directions.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Metrics {
     /// From the prediction to the ground truth (accuracy).
     pub to_gt: Directed,

@@ -6,12 +6,13 @@ use crate::geometry::{PointTree, distinct_places};
 
 /// Points that are equal when rounded to multiples of this, in the frame of the comparison, are one place.
 const PLACE: f64 = 1e-4;
-/// Sets the seeds of the samples apart from small ones. Clouds are often drawn from a truth with those, by the same
-/// generator, and would be among its samples.
+/// Keeps the seeds of the samples apart from small numbers. A cloud is often drawn from its truth with a small seed, by
+/// the same generator, and its points would be among the samples.
 const OWN_SEEDS: u64 = 0x706f_696e_7473_0000;
 
 /// How points lie to a ground truth; the result of [`evaluate_points`]. Distances in units of the frame.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct PointsReport {
     /// The number of points n.
     pub points: usize,

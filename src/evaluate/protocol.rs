@@ -13,6 +13,7 @@ use std::str::FromStr;
 /// Numbers of two protocols cannot be compared: they differ in samples, halves, squares and frames. The F-score's
 /// threshold, 0.01 of the frame's unit, belongs to none of them.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Protocol {
     /// Occupancy Networks (Mescheder et al. 2019) on ShapeNet, and most tables since: `10 CD_L1`, `100 CD_L2`, `NC`.
     ///

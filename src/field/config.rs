@@ -2,6 +2,7 @@
 
 /// The nonlinearity of the hidden layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Activation {
     /// max(z, 0), as in the authors' code.
     Relu,
@@ -12,23 +13,40 @@ pub enum Activation {
     },
 }
 
-/// The shape of the network.
+/// The shape of the network; start from the default.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct FieldConfig {
-    /// Width c of every hidden layer.
+    /// Width c of every hidden layer. Default 64, paper 256.
     pub width: usize,
-    /// Hidden layers.
+    /// Hidden layers. Default 4, paper 8.
     pub depth: usize,
-    /// Fourier octaves: sin and cos of `frequency` 2^o x for o below this.
+    /// Fourier octaves: sin and cos of `frequency` 2^o x for o below this. Default 3.
     pub octaves: usize,
-    /// Angular frequency of the first octave, in radians per unit of the working frame.
+    /// Angular frequency of the first octave, in radians per unit of the working frame. Default 2, paper 1.
     pub frequency: f32,
-    /// Nonlinearity of the hidden layers.
+    /// Nonlinearity of the hidden layers. Default `softplus:100`, paper `relu`.
     pub activation: Activation,
-    /// Hidden layer (counted from 0) that is fed the encoding again beside its input; `None` for a plain stack.
+    /// Hidden layer (counted from 0) that is fed the encoding again beside its input. `None` (`none`) is a plain stack
+    /// of layers. Default `none`.
     pub skip: Option<usize>,
-    /// Radius of the sphere that the field starts as, in units of the working frame.
+    /// Radius of the sphere that the field starts as, in units of the working frame. Default 0.35.
     pub radius: f32,
+}
+
+impl Default for FieldConfig {
+    /// That of the preset `default`.
+    fn default() -> Self {
+        FieldConfig {
+            width: 64,
+            depth: 4,
+            octaves: 3,
+            frequency: 2.0,
+            activation: Activation::Softplus { beta: 100.0 },
+            skip: None,
+            radius: 0.35,
+        }
+    }
 }
 
 impl FieldConfig {

@@ -7,7 +7,7 @@ use rayon::prelude::*;
 use std::sync::{Mutex, PoisonError};
 
 /// Memory for the activations of a pass, in bytes; what is beyond is computed twice instead of kept.
-const MEMORY: usize = 1 << 30;
+const MAX_MEMORY: usize = 1 << 30;
 /// Blocks whose parameter gradients are alive at the same time.
 const WAVE: usize = 16;
 /// Parameters that a thread folds at a time.
@@ -59,7 +59,7 @@ impl FieldPass {
     pub fn forward(&mut self, field: &Field, verts: &[[f32; 3]], pool: &Pool) -> FieldValues {
         let rows = field.block_rows();
         let bytes = Block::bytes(field.config(), rows);
-        self.kept = verts.len().div_ceil(rows).min(self.limit.unwrap_or(MEMORY) / bytes);
+        self.kept = verts.len().div_ceil(rows).min(self.limit.unwrap_or(MAX_MEMORY) / bytes);
         if self.blocks.len() < self.kept {
             self.blocks.resize_with(self.kept, Block::default);
         }

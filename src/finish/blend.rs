@@ -19,12 +19,12 @@ const NEAR: (f32, f32) = (0.7, 1.2);
 const AGREE: (f32, f32) = (0.15, 0.35);
 /// The error of the field (standard deviation, in spacings) that the plate's is weighed against.
 const FIELD_ERROR: f32 = 0.025;
-/// The least slope that is believed where a value over its slope tells a distance.
+/// The least slope that a value is divided by to estimate a distance.
 const MIN_SLOPE: f64 = 0.05;
-/// Points, the nearest ones, that the plate's error at a point is averaged over.
+/// The number of nearest points over which the plate's error at a point is averaged.
 const AVERAGED: usize = 8;
-/// Points that spacing and error are interpolated from; the farthest of them has no weight, so that both are
-/// continuous.
+/// The number of nearest points from which spacing and error at a place are interpolated; the farthest has no weight,
+/// so that both are continuous.
 const INTERPOLATED: usize = 5;
 
 /// A thin plate through the points of a cloud, to be blended into a field. All in the working frame.
@@ -83,7 +83,7 @@ impl PlateBlend {
         let nearest: Vec<u32> = rows.iter().map(|&i| nearest[k * i]).collect();
         for (&i, plate) in rows.iter().zip(self.plate.value(&near, &nearest)) {
             let LocalTrust { spacing, weight } = around[i];
-            // Beside a lone point no plate may reach.
+            // Near a lone point there may be no plate: the field keeps its value.
             if plate.is_nan() {
                 continue;
             }

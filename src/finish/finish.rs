@@ -15,19 +15,19 @@ use std::ops::RangeInclusive;
 /// 130 pairs within the reach of a point of an even surface, 8 bytes each).
 pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 
-/// Places beyond this, working frame, are no places of a neighbour search.
-const FAR: f32 = 1e6;
+/// The largest coordinate of a place that the neighbour search takes, working frame.
+const MAX_COORDINATE: f32 = 1e6;
 
 /// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
 ///
 /// It depends on the points and on the field's values and gradients there, so it is made anew from them, not saved.
 #[derive(Clone, Debug)]
 pub struct Finish {
-    /// What it is saved as.
+    /// The points, n x 3: all that is saved of the corrections.
     #[cfg(feature = "checkpoint")]
     points: Vec<[f32; 3]>,
     residual: Residual,
-    /// For clouds of at most 262,144 points, and none if these determine no plate.
+    /// The surface of least bending; `None` for more than 262,144 points, and for points that determine none.
     plate: Option<PlateBlend>,
 }
 
@@ -81,7 +81,7 @@ impl Finish {
             "Finish::apply: not one value and gradient a place"
         );
         // Written so that NaN is left out.
-        let near: Vec<usize> = (0..m).filter(|&i| x[i].iter().all(|v| v.abs() < FAR)).collect();
+        let near: Vec<usize> = (0..m).filter(|&i| x[i].iter().all(|v| v.abs() < MAX_COORDINATE)).collect();
         if near.len() < m {
             let of = |all: &[[f32; 3]]| near.iter().map(|&i| all[i]).collect::<Vec<_>>();
             let mut part: Vec<f32> = near.iter().map(|&i| values[i]).collect();

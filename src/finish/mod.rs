@@ -1,4 +1,4 @@
-//! What comes after the training: corrections to the field from what it is off by at the points.
+//! Corrections to the trained field, by its values at the points.
 
 mod blend;
 #[allow(clippy::module_inception)]

@@ -14,21 +14,21 @@ const REACH: f64 = 6.0;
 /// The distance between unit normals (from 0 to 2) that counts as much as the whole reach in space: the two sides of a
 /// sheet have hardly anything in common.
 const TURN: f64 = 3.2;
-/// Variance of what is not smooth in the residuals, as a share of theirs.
+/// The variance of the residuals' part that is not smooth, as a share of their whole variance.
 const NUGGET: f64 = 0.05;
-/// Points that the field is farther from are not missed by it but given up, strays or a part that was lost, in spacings
-/// of the points (the median): to bend the field to them would tear it.
-const GIVEN_UP: f64 = 0.5;
-/// Points up to which the system is solved and summed as a whole; of more, each with those within the reach only.
-const WHOLE: usize = 2048;
-/// Rounds of conjugate gradients at most, and the length of the remainder, as a share of that of the values, at which
-/// they end.
-const ROUNDS: usize = 200;
+/// The largest residual that is interpolated, in median spacings of the points. A point with a larger one is a stray,
+/// or of a part that the field has lost; to bend the field to it would tear it.
+const MAX_RESIDUAL: f64 = 0.5;
+/// The most points for which the full system is solved and summed; beyond, only pairs within the reach are used.
+const MAX_WHOLE_POINTS: usize = 2048;
+/// The most rounds of conjugate gradients, and the length of the remainder over the length of the values at which they
+/// end.
+const MAX_ROUNDS: usize = 200;
 const REMAINDER: f64 = 1e-5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 512;
 
-/// A smooth function of place and normal that is about a given value at each of some points.
+/// A smooth function of place and normal with about given values at the points.
 #[derive(Clone, Debug)]
 pub(super) struct Residual {
     /// Place over the reach, normal over the turn, and weight of every point, column by column.
@@ -54,7 +54,7 @@ impl Residual {
         let middle = spacing.len() / 2;
         let unit = *spacing.select_nth_unstable_by(middle, f64::total_cmp).1;
         let kept: Vec<usize> =
-            (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= GIVEN_UP * unit).collect();
+            (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= MAX_RESIDUAL * unit).collect();
         let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);
         let undetermined =
             || Error::new(ErrorKind::Data, "the points are not apart, or the field is far from all");
@@ -68,7 +68,7 @@ impl Residual {
             _ => vec![0.0; n],
         });
         let values: Vec<f64> = kept.iter().map(|&i| f64::from(values[i])).collect();
-        let places = (n > WHOLE).then(|| places(&columns));
+        let places = (n > MAX_WHOLE_POINTS).then(|| places(&columns));
         let weights = match &places {
             None => whole(&columns, values).ok_or_else(undetermined)?,
             Some(places) => sparse(&columns, places, &values),
@@ -126,7 +126,7 @@ fn whole(columns: &[Vec<f32>; 7], values: Vec<f64>) -> Option<Vec<f64>> {
     system.solve(values)
 }
 
-/// The same by conjugate gradients over the pairs that have something in common. The nugget keeps the condition of the
+/// The weights by conjugate gradients over the pairs whose covariance is not 0. [`NUGGET`] keeps the condition of the
 /// system small. The same for any number of threads.
 fn sparse(columns: &[Vec<f32>; 7], places: &[[f32; 3]], values: &[f64]) -> Vec<f64> {
     let tree = KdTree::new(places);
@@ -150,7 +150,7 @@ fn sparse(columns: &[Vec<f32>; 7], places: &[[f32; 3]], values: &[f64]) -> Vec<f
     let mut along = rest.clone();
     let mut square = dot(&rest, &rest);
     let enough = REMAINDER * REMAINDER * square;
-    for _ in 0..ROUNDS {
+    for _ in 0..MAX_ROUNDS {
         if square <= enough {
             break;
         }
@@ -164,7 +164,7 @@ fn sparse(columns: &[Vec<f32>; 7], places: &[[f32; 3]], values: &[f64]) -> Vec<f
     weights
 }
 
-/// Of two places whose squared distance is `square`.
+/// The covariance of two points (place and normal, scaled) whose squared distance is `square`.
 fn covariance(square: f64) -> f64 {
     let r = square.sqrt().min(1.0);
     (1.0 - r).powi(6) * (6.0 * r + 1.0)
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn by_pairs_within_the_reach_it_is_what_it_is_as_a_whole() {
         let shape = Shape::RoundedBox { half: [0.5, 0.4, 0.03], round: 0.02 };
-        let (points, normals) = shape.sample(WHOLE + 200, 3);
+        let (points, normals) = shape.sample(MAX_WHOLE_POINTS + 200, 3);
         let values: Vec<f32> = points.iter().map(|p| 0.004 * (9.0 * p[0] - 20.0 * p[1]).sin()).collect();
         let by_pairs = Residual::fit(&points, &normals, &values).unwrap();
         let places = by_pairs.places.clone().unwrap();

@@ -5,6 +5,7 @@ use crate::field::FieldVars;
 
 /// How a vertex V moves, given g(V) and n = grad g / |grad g|.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Deformation {
     /// V' = V - g n: the foot point on the zero level set, were g an exact distance. The paper's two formulas are
     /// misprinted (a norm of vectors, and g where grad g is meant); this is what they must mean.

@@ -56,7 +56,7 @@ impl Bounds {
     /// about as long as the longest side.
     pub fn offset(&self) -> [f64; 3] {
         let longest = self.longest();
-        let far = self.min.iter().chain(&self.max).any(|x| x.abs() > NEAR * longest);
+        let far = self.min.iter().chain(&self.max).any(|x| x.abs() > MAX_SIDES_AWAY * longest);
         if !(far && longest > 0.0 && longest.is_finite()) {
             return [0.0; 3];
         }
@@ -73,7 +73,7 @@ impl Bounds {
 
 /// Coordinates up to so many longest sides away from the origin keep their detail in 32 bits: they are rounded by less
 /// than 3e-7 of the longest side.
-const NEAR: f64 = 4.0;
+const MAX_SIDES_AWAY: f64 = 4.0;
 
 /// Places that [`Normalizer::place`] rounds to, for a side that is a power of two.
 const PLACES: f64 = (1u64 << 30) as f64;

@@ -8,7 +8,7 @@ use super::{Position, are_f32};
 use crate::{Error, ErrorKind};
 
 /// The smallest extent of a solid cloud against its largest.
-const FLAT: f64 = 1e-6;
+const MIN_EXTENT_RATIO: f64 = 1e-6;
 
 /// A cloud that passed [`clean_cloud`]: finite, distinct points that span three dimensions.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,7 +61,7 @@ pub fn clean_cloud<P: Position>(points: &[P]) -> Result<CleanCloud, Error> {
     let size = distinct.as_flattened().iter().fold(0.0f64, |m, x| m.max(x.abs()));
     let step = if are_f32(&distinct) { f64::from(f32::EPSILON) } else { f64::EPSILON };
     // Each coordinate is off by at most half a step at `size`; both ends of an extent, in three axes, may add up.
-    let least = (FLAT * extents[0]).max(2.0 * step * size);
+    let least = (MIN_EXTENT_RATIO * extents[0]).max(2.0 * step * size);
     if extents[2] < least {
         let place = if extents[1] < least { "on one line" } else { "in one plane" };
         return Err(data(format!(

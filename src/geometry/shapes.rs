@@ -16,6 +16,7 @@ const STEP: f64 = 1e-5;
 ///
 /// Sizes are in the frame's units; the shapes of [`Shape::gallery`] have a longest side of about 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub enum Shape {
     /// A sphere.
     Sphere {

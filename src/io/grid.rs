@@ -21,6 +21,7 @@ pub struct GridValues {
 
 /// A format of volumes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum GridFormat {
     /// A NumPy array with the indices x, y, z; it has no room for place and spacing.
     Npy,

@@ -15,12 +15,14 @@ use crate::{Error, ErrorKind};
 ///
 /// let survey = b"1,10.5,20.5,3.5\n2,11.5,20.5,3.25\n3,10.5,21.5,3\n4,11,21,4\n";
 /// assert!(read_cloud_with(survey, &ReadOptions::default()).is_err(), "column 1 may be a point number");
-/// let columns = Some("2,3,4".parse()?);
-/// let cloud = read_cloud_with(survey, &ReadOptions { columns, ..Default::default() })?;
+/// let mut options = ReadOptions::default();
+/// options.columns = Some("2,3,4".parse()?);
+/// let cloud = read_cloud_with(survey, &options)?;
 /// assert_eq!(cloud.points[0], [10.5, 20.5, 3.5]);
 /// # Ok::<(), bijective_sdf::Error>(())
 /// ```
 #[derive(Clone, Debug, Default, PartialEq)]
+#[non_exhaustive]
 pub struct ReadOptions {
     /// The format, whatever name and content of the file say.
     pub format: Option<Format>,

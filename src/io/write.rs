@@ -10,6 +10,7 @@ use crate::{Error, ErrorKind};
 
 /// Whether numbers are written as bytes or as digits; both read back to the same bits.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Encoding {
     /// Little-endian binary where the format has it, else text.
     #[default]

@@ -8,7 +8,7 @@
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::simd::{exp, kernel};
 use crate::tensor::{
-    Base, DEPTH, MatRef, PARALLEL_MIN, Panels, Tensor, gemm, gemm_panels_serial, gemm_serial, lane_dot,
+    Base, DEPTH, MIN_PARALLEL, MatRef, Panels, Tensor, gemm, gemm_panels_serial, gemm_serial, lane_dot,
     lane_max, lane_sum, map_rows,
 };
 use rayon::prelude::*;
@@ -222,7 +222,7 @@ impl Op<3> for Attention {
             }
         };
         let (w_blocks, y_blocks) = (w.data_mut(), y.data_mut());
-        if n * m * (c + d) < PARALLEL_MIN {
+        if n * m * (c + d) < MIN_PARALLEL {
             w_blocks
                 .chunks_mut(QUERIES * heads * m)
                 .zip(y_blocks.chunks_mut(QUERIES * d))
@@ -270,7 +270,7 @@ impl Op<3> for Attention {
             }
             parts
         };
-        let parts: Vec<[Tensor; 3]> = match (empty, n * m * (c + d) < PARALLEL_MIN) {
+        let parts: Vec<[Tensor; 3]> = match (empty, n * m * (c + d) < MIN_PARALLEL) {
             (true, _) => Vec::new(),
             (_, true) => (0..heads).map(one).collect(),
             (_, false) => (0..heads).into_par_iter().map(one).collect(),

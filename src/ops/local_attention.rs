@@ -8,7 +8,7 @@
 use super::attention::{assert_heads, scale_of};
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::simd::{exp, kernel};
-use crate::tensor::{PARALLEL_MIN, Tensor, lane_axpy, lane_dot, map_rows};
+use crate::tensor::{MIN_PARALLEL, Tensor, lane_axpy, lane_dot, map_rows};
 use rayon::prelude::*;
 use std::sync::Arc;
 
@@ -18,7 +18,7 @@ const BLOCK: usize = 32;
 /// Calls `f(first_row, piece)` on pieces of whole rows of `out`, on several threads if `work` multiply-adds pay for it.
 fn each_block(out: &mut Tensor, work: usize, f: impl Fn(usize, &mut [f32]) + Sync) {
     let cols = out.len() / out.dims()[0].max(1);
-    if work < PARALLEL_MIN || cols == 0 {
+    if work < MIN_PARALLEL || cols == 0 {
         f(0, out.data_mut());
     } else {
         out.data_mut().par_chunks_mut(BLOCK * cols).enumerate().for_each(|(i, piece)| f(i * BLOCK, piece));

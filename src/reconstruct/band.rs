@@ -4,7 +4,7 @@ use crate::error::Error;
 use crate::field::Field;
 use crate::geometry::{BandTopology, NarrowBandOptions, TetGrid, active_set};
 
-/// Cubes along each side of the lattice that the search starts from, at most.
+/// The most cubes along each side of the lattice that the search starts from.
 const MAX_COARSE_CUBES: usize = 32;
 
 /// The active part of a grid, as a field had it when it was searched for.
@@ -15,7 +15,7 @@ pub(super) struct ActiveBand {
     pub verts: Vec<[f32; 3]>,
     /// Active vertices on the border of the grid, where the field counts as outside, so that the surface is closed.
     pub border: Vec<u32>,
-    /// What the field is raised to there.
+    /// The value that the field is raised to there.
     pub outside: f32,
     /// The tetrahedra between them.
     pub topology: BandTopology,
@@ -29,7 +29,7 @@ impl ActiveBand {
     /// As [`active_set`].
     pub fn find(field: &Field, cloud: &[[f32; 3]], resolution: usize, rings: usize) -> Result<Self, Error> {
         let grid = TetGrid::working_frame(resolution)?;
-        // Half the resolution: what is thinner and not near the cloud no point asks for.
+        // Half the resolution: a thinner part that is near no point of the cloud is not wanted.
         let options = NarrowBandOptions {
             coarse_resolution: (resolution / 2).clamp(1, MAX_COARSE_CUBES),
             seeds: cloud,

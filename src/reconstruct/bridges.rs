@@ -13,24 +13,24 @@ use crate::geometry::{TriangleMesh, nearest_points, spacing};
 
 /// The widest gap that is bridged, in spacings of the points at its ends.
 const REACH: f64 = 1.0;
-/// How far inside a bridge is to be, in the same unit.
+/// How far below 0 the field is to be on a bridge, in the same unit.
 const DEPTH: f64 = 0.1;
-/// Points of a bridge.
+/// The number of points of a bridge.
 const POINTS: usize = 8;
 /// Shares of the training after which gaps are looked for. The first leaves parts time to grow together by themselves,
 /// the last leaves the field time to follow.
 const LOOKS: [f64; 2] = [0.65, 0.8];
 /// Cubes along each side of the grid that the surface is taken from.
 const RESOLUTION: usize = 128;
-/// Parts that are looked at, the largest first: pairs of them are compared.
+/// The most parts that are looked at, the largest first: all pairs of them are compared.
 const MAX_PARTS: usize = 32;
 
-/// What is to be inside.
+/// Points at which the field must be below 0, so that near parts of the surface stay joined.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Bridges {
     /// Points, m x 3, working frame.
     pub points: Vec<[f32; 3]>,
-    /// How far inside each of them is to be, m.
+    /// The depth of each, m: the field must be below -depth, working frame.
     pub depths: Vec<f32>,
     /// The step of the training after the one that last looked for gaps; 0 before.
     pub looked: usize,

@@ -2,7 +2,7 @@
 
 use super::Phase;
 use super::band::ActiveBand;
-use super::phases::FAR;
+use super::phases::MAX_COORDINATE;
 use super::phases::train::TrainStep;
 use super::setup::Setup;
 use super::state::State;
@@ -13,6 +13,7 @@ use crate::geometry::nearest_points;
 /// Points of space with codes on the unit sphere, to be drawn in the colours of the codes
 /// ([`code_colour`](crate::bsp::code_colour)). Places are in the frame and unit of the input.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Coded {
     /// The points Q that the training works with, n x 3: without their noise, and thinned if there are many.
     pub points: Vec<[f64; 3]>,
@@ -37,7 +38,7 @@ pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<Parameterize
     // With all blocks by the same parameters; a large cloud's were computed at different steps.
     let all = map.parameterize(&setup.cloud, &setup.blocks);
     // Written so that NaN is refused.
-    let near = |points: &[[f32; 3]]| points.as_flattened().iter().all(|x| x.abs() < FAR);
+    let near = |points: &[[f32; 3]]| points.as_flattened().iter().all(|x| x.abs() < MAX_COORDINATE);
     if near(&all.surface) && all.codes.as_ref().is_none_or(|codes| near(&codes.points)) {
         return Some(all);
     }

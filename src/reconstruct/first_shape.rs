@@ -12,10 +12,10 @@ use crate::start::{
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// Radii of dipoles that are tried where `start.dipole_radius` is 0, in local point spacings.
+/// Radii of dipoles that are tried where `start.dipole_radius` is `None`, in local point spacings.
 const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
-/// Points up to which all of them are tried.
+/// The most points for which all of them are tried.
 const MAX_RADII_POINTS: usize = 1024;
 
 /// The shape that a run begins with.
@@ -26,7 +26,7 @@ pub(super) struct FirstShape {
     pub fit: ShapeFit,
     /// The cloud without its noise, if that is asked for and some was found; the shape was found for it then.
     pub denoised: Option<Denoised>,
-    /// Its area.
+    /// The area of the shape, working frame.
     pub area: f64,
     /// Its outward unit normals at the working points, n x 3.
     pub normals: Vec<[f32; 3]>,
@@ -42,11 +42,11 @@ impl FirstShape {
         if start.shape == StartShape::Sphere {
             return Ok(None);
         }
-        let radii = match start.dipole_radius {
+        let radii = match &start.dipole_radius {
             // For large clouds no gain was measured that would be worth the time.
-            0.0 if given.len() > MAX_RADII_POINTS => &DIPOLE_RADII[1..2],
-            0.0 => &DIPOLE_RADII[..],
-            _ => std::slice::from_ref(&start.dipole_radius),
+            None if given.len() > MAX_RADII_POINTS => &DIPOLE_RADII[1..2],
+            None => &DIPOLE_RADII[..],
+            Some(radius) => std::slice::from_ref(radius),
         };
         let mut rough = gauss_shapes(given, radii, start.regularity, seed)?;
         let denoised = if config.denoise && DENOISED_POINTS.contains(&given.len()) {
@@ -116,7 +116,7 @@ impl Samples {
     }
 }
 
-/// What a point of the cloud is to a block.
+/// Whether a point of the cloud is a centre of a block, in its context, or neither.
 #[derive(Clone, Copy, PartialEq)]
 enum Role {
     Outside,

@@ -2,8 +2,8 @@
 //! it).
 //!
 //! A term is one entry of the table below: its name, which is that of its weight ([`Weights`], option `weights.NAME`)
-//! and of its value ([`Terms`]), and how it comes from a [`Scene`]. What it computes has a file of its own in
-//! [`loss`](crate::loss).
+//! and of its value ([`Terms`]), a sentence with the weight's default, and how it comes from a [`Scene`]. What it
+//! computes has a file of its own in [`loss`](crate::loss).
 
 use super::Target;
 use crate::autodiff::{Tape, Var};
@@ -12,19 +12,21 @@ use crate::geometry::TriangleBvh;
 use crate::loss::{Direction, eikonal, inside, mean_abs, pull, surface_distance};
 
 macro_rules! loss_terms {
-    ($($(#[$doc:meta])* $name:ident: $term:expr;)*) => {
+    ($($(#[$doc:meta])* $name:ident, $default:literal: $term:expr;)*) => {
         /// Weights of the loss terms; a term of weight 0 is not computed. Those after the third are not in the paper.
         #[derive(Clone, Copy, Debug, PartialEq)]
+        #[non_exhaustive]
         pub struct Weights {
-            $($(#[$doc])* pub $name: f32,)*
+            $($(#[$doc])* #[doc = $default] pub $name: f32,)*
             /// What the weight of L_deform has been multiplied by at the end, falling geometrically; below 1 leaves the
-            /// last word to the points. Default and paper 1, a constant weight.
+            /// last word to the points. Default 1, a constant weight, as in the paper.
             pub deform_decay: f32,
         }
 
         /// The values of the loss terms in a step, before their weights; 0 where the weight is 0, and where the step
         /// does not have the term.
         #[derive(Clone, Copy, Debug, Default, PartialEq)]
+        #[non_exhaustive]
         pub struct Terms {
             $($(#[$doc])* pub $name: f32,)*
         }
@@ -66,10 +68,9 @@ macro_rules! loss_terms {
 
 loss_terms! {
     /// L_para, the squared Chamfer distance between S and Q (equation 3), in steps that train the parameterization.
-    /// Paper 10.
-    para: |_, scene| scene.para;
-    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5). Paper 1.
-    deform: |tape, scene| Some(match scene.tree {
+    para, " Default 10, paper 10.": |_, scene| scene.para;
+    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5).
+    deform, " Default 0.5, paper 1.": |tape, scene| Some(match scene.tree {
         None => tape.chamfer(scene.drawn, scene.target, Direction::BOTH),
         Some(tree) => {
             let there = tape.chamfer(scene.drawn, scene.target, Direction::FORWARD);
@@ -77,26 +78,26 @@ loss_terms! {
             tape.add(there, back)
         }
     });
-    /// L_surf, the mean of |g| on the active grid vertices (equation 6). Paper 0.01.
-    surf: |tape, scene| Some(mean_abs(tape, scene.field.sdf));
+    /// L_surf, the mean of |g| on the active grid vertices (equation 6).
+    surf, " Default 0, paper 0.01.": |tape, scene| Some(mean_abs(tape, scene.field.sdf));
     /// The mean of (|grad g| - 1)^2 on the active vertices, the cloud and bridges (Gropp et al. 2020).
-    eikonal: |tape, scene| Some(eikonal(tape, scene.gradient));
+    eikonal, " Default 0.001, paper 0.": |tape, scene| Some(eikonal(tape, scene.gradient));
     /// The mean squared uniform Laplacian of the extracted mesh.
-    laplacian: |tape, scene| Some(tape.laplacian(scene.crossings, scene.faces));
+    laplacian, " Default 0.01, paper 0.": |tape, scene| Some(tape.laplacian(scene.crossings, scene.faces));
     /// The mean of |g| on the cloud.
-    on_points: |tape, scene| scene.cloud_sdf.map(|sdf| mean_abs(tape, sdf));
+    on_points, " Default 0.02, paper 0.": |tape, scene| scene.cloud_sdf.map(|sdf| mean_abs(tape, sdf));
     /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
     /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
-    pull: |tape, scene| Some(pull(tape, scene.verts, scene.moved, scene.target));
+    pull, " Default 0, paper 0.": |tape, scene| Some(pull(tape, scene.verts, scene.moved, scene.target));
     /// The mean squared distance from each point of the cloud to the extracted surface.
-    cover: |tape, scene| Some(match scene.tree {
+    cover, " Default 1, paper 0.": |tape, scene| Some(match scene.tree {
         None => tape.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
         Some(tree) => surface_distance(tape, scene.crossings, scene.faces, tree, scene.cloud),
     });
-    /// What points on straight lines from the largest part of the surface, or what is joined to it, to loose parts lack
-    /// of being inside, on the average: where the gap is no wider than the spacing of the points. The surface is looked
-    /// at on 128 cubes a side after 0.65 and 0.8 of the training.
-    bridge: |tape, scene| scene.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
+    /// The mean of max(0, g + depth) at points on bridges: straight lines over gaps, no wider than the spacing of the
+    /// points, from the largest part of the surface, or from parts joined to it, to loose parts. Gaps are looked for on
+    /// 128 cubes a side after 0.65 and 0.8 of the training.
+    bridge, " Default 0.01, paper 0.": |tape, scene| scene.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
 }
 
 /// The inputs of the loss terms, on the tape of a step.
@@ -111,19 +112,20 @@ pub(super) struct Scene<'a> {
     pub gradient: Var,
     /// g at the seen points of the cloud, if a term asks for it.
     pub cloud_sdf: Option<Var>,
-    /// g at the bridges, and how far inside they are to be, if there are any.
+    /// g at the points of bridges and the depth that each is to have, if there are any.
     pub bridges: Option<(Var, Var)>,
     /// Moved vertices, v x 3.
     pub moved: Var,
     /// Vertices of the extracted surface.
     pub crossings: Var,
-    /// What stands for the extracted surface where distances start from it: its vertices or samples on its faces.
+    /// The points from which distances of the extracted surface to others are measured: its vertices or samples on its
+    /// faces.
     pub drawn: Var,
-    /// Its faces, where distances to it are not to its vertices.
+    /// The tree over its faces, where distances to the surface are to its faces and not to its vertices.
     pub tree: Option<&'a TriangleBvh>,
     /// The seen points of the cloud Q.
     pub cloud: Var,
-    /// What the surface is drawn to, see [`target`].
+    /// The points that the surface is drawn to, see [`target`].
     pub target: Var,
     /// L_para, in steps that train the parameterization.
     pub para: Option<Var>,

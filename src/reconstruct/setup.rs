@@ -1,4 +1,4 @@
-//! What a run works on, from the points that are given to the first state.
+//! Preparation of a run: from the given points to the first state.
 
 use super::first_shape::{FirstShape, Samples};
 use super::state::State;
@@ -16,7 +16,7 @@ use rand::seq::SliceRandom;
 const ORDER_STREAM: u64 = u64::MAX;
 /// Points from which on a cloud of lines is made even.
 const MIN_EVENED: usize = 2000;
-/// A cloud is not thinned to fewer points than these.
+/// The fewest points that a cloud is thinned to.
 const MIN_THINNED: usize = 64;
 
 /// A checked cloud and the options for it.
@@ -50,8 +50,8 @@ pub(super) struct Setup {
     /// The input points, distinct, input frame.
     pub input: Vec<[f64; 3]>,
     pub normalizer: Normalizer,
-    /// The working points, n x 3, working frame: the input points, thinned if there are many, and without the noise
-    /// that was found.
+    /// The working points, n x 3, working frame: the input points, made even if a scanner left them in lines,
+    /// thinned if there are many, and without the noise that was found.
     pub cloud: Vec<[f32; 3]>,
     /// A permutation of the working points (n), in which steps go through a cloud that is too large for one.
     pub order: Vec<u32>,
@@ -105,7 +105,8 @@ impl Setup {
         };
         let resolution = stages.iter().find(in_stage).or(stages.last()).map_or(0, |s| s.resolution);
         let area = self.shape.as_ref().map_or(f64::INFINITY, |shape| shape.area);
-        resolution_for_area(resolution, area, self.config.reference_area)
+        let usual = self.config.reference_area;
+        usual.map_or(resolution, |usual| resolution_for_area(resolution, area, usual))
     }
 
     /// How far the working points were moved to take their noise off: the root of the mean square, working frame.
@@ -125,10 +126,10 @@ fn evenly(cloud: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
 fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
     let finest = config.stages.iter().map(|s| s.resolution).max();
     let grid = finest.and_then(|resolution| TetGrid::working_frame(resolution).ok());
-    match grid {
-        Some(grid) if config.batch.thin > 0.0 && cloud.len() > config.batch.points => {
-            let kept = thin_cloud(&cloud, config.batch.thin * grid.spacing());
-            // A heap of points and a far outlier would become a few points.
+    match (grid, config.batch.thin) {
+        (Some(grid), Some(spacings)) if cloud.len() > config.batch.points => {
+            let kept = thin_cloud(&cloud, spacings * grid.spacing());
+            // A dense heap with a far outlier would become a few points: it is left whole.
             if kept.len() < MIN_THINNED {
                 return cloud;
             }

@@ -3,7 +3,7 @@
 use super::band::ActiveBand;
 use super::coded::{self, Coded};
 use super::phases::{StepReport, Workspace, pretrain, start, train};
-use super::result::{FoundShape, Shape};
+use super::result::{FinalShape, FoundShape};
 use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
 use super::{Config, Phase, Reconstruction};
@@ -11,7 +11,7 @@ use crate::error::{Error, ErrorKind};
 use crate::geometry::Position;
 
 /// How often a run comes back from a step that went wrong before it fails.
-pub(super) const RECOVERIES: usize = 3;
+pub(super) const MAX_RECOVERIES: usize = 3;
 
 /// Training in progress.
 ///
@@ -73,16 +73,16 @@ impl Trainer {
                 Err(error) => error,
             };
             let (phase, step) = self.setup.config.phase_at(self.state.step);
-            // Without a surface at the beginning there is none to go back to either.
+            // Where the first step of the training finds no surface, no earlier state has one either.
             let lost = error.kind() == ErrorKind::NoSurface && (phase, step) == (Phase::Train, 0);
             if lost && train::lower_to_points(&self.setup, &mut self.state)? {
                 continue;
             }
             let recoverable = matches!(error.kind(), ErrorKind::Diverged | ErrorKind::NoSurface) && !lost;
-            if !recoverable || self.recoveries >= RECOVERIES {
+            if !recoverable || self.recoveries >= MAX_RECOVERIES {
                 let advice = match phase {
                     Phase::Start => "lower start.rate, or take another start.shape",
-                    Phase::Pretrain => "lower bsp_rate.base, or set bsp.pretrain to 0",
+                    Phase::Pretrain => "lower bsp_rate.base, or set bsp_pretrain to 0",
                     Phase::Train if lost => {
                         "raise start.steps or the resolution of the first stage, or take another start.shape"
                     }
@@ -101,8 +101,7 @@ impl Trainer {
         }
     }
 
-    /// One step of the present phase, from what it finds to the changed state. On an error the parameters are as before
-    /// it.
+    /// One step of the present phase. On an error the parameters are as before it.
     fn try_step(&mut self) -> Result<StepReport, Error> {
         let (phase, step) = self.setup.config.phase_at(self.state.step);
         let rate_factor = 0.5f32.powi(self.recoveries as i32);
@@ -206,7 +205,7 @@ impl Trainer {
             Some(shape) if setup.config.stages.is_empty() => FoundShape::new(shape.mesh).ok(),
             _ => None,
         };
-        let shape = found.map_or(Shape::Learned(state.field), Shape::Found);
+        let shape = found.map_or(FinalShape::Learned(state.field), FinalShape::Found);
         let finish = shape.finished_for(&setup.cloud, &setup.config);
         Reconstruction {
             coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),

@@ -8,15 +8,16 @@ use std::collections::HashMap;
 /// The [`gap`](Support::gap) beyond which a surface is cut away, unless another one is asked for.
 pub const TRIM_FACTOR: f32 = 1.0;
 /// A hole of less area than this many squares of the spacing is not cut: even random points leave such.
-const HOLE: f64 = 4.0;
+const MIN_HOLE: f64 = 4.0;
 /// What is left in a piece of less area than this, as many squares of the spacing, is dropped: some ten points.
-const SCRAP: f64 = 10.0;
+const MIN_PIECE: f64 = 10.0;
 /// A cut stays this share of an edge's length away from both of its ends, so that no triangle loses its area. It is
 /// more than the margin of the grid's crossings, as here triangles may be thin before they are cut.
 const CUT_MARGIN: f32 = 1e-3;
 
 /// A surface that was cut.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Trimmed<P = [f32; 3]> {
     /// What is left: the faces and vertices that are kept, in their order, and those along the cut.
     pub mesh: TriangleMesh<P>,
@@ -44,7 +45,7 @@ pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &Support, factor: f32)
     squares.iter_mut().zip(spacing).for_each(|(area, &s)| *area /= f64::from(s) * f64::from(s));
     let mut kept: Vec<bool> = gap.iter().map(|&g| g <= factor).collect();
     // Holes first: what they join is no scrap.
-    for (side, limit) in [(false, HOLE), (true, SCRAP)] {
+    for (side, limit) in [(false, MIN_HOLE), (true, MIN_PIECE)] {
         let parts = parts_of(mesh, &kept);
         let mut size = vec![0.0; v];
         parts.iter().zip(&squares).for_each(|(&part, area)| size[part as usize] += area);

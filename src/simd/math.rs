@@ -12,14 +12,14 @@ const LN2_LO: f32 = -2.121_944_4e-4;
 const ROUND: f32 = 12_582_912.0;
 
 /// Below this, e^x counts as 0: smaller values soon make subnormal numbers, on which processors are many times slower.
-const EXP_MIN: f32 = -80.0;
+const MIN_EXP: f32 = -80.0;
 
 /// e^x; relative error below 2.5e-7 on [-80, 88], 0 below and held at about 1e38 above.
 #[inline(always)]
 pub(crate) fn exp(x: f32) -> f32 {
     // Written as a select on the untouched x so that NaN passes through.
     let c = if x > 88.0 { 88.0 } else { x };
-    let c = if c < EXP_MIN { EXP_MIN } else { c };
+    let c = if c < MIN_EXP { MIN_EXP } else { c };
     let shifted = c * LOG2_E + ROUND;
     let n = shifted - ROUND;
     let r = (c - n * LN2_HI) - n * LN2_LO;
@@ -29,7 +29,7 @@ pub(crate) fn exp(x: f32) -> f32 {
     let p = t * p + r + 1.0;
     // 2^n by putting n into the exponent bits.
     let scale = f32::from_bits(shifted.to_bits().wrapping_add(127) << 23);
-    if x < EXP_MIN { 0.0 } else { p * scale }
+    if x < MIN_EXP { 0.0 } else { p * scale }
 }
 
 /// ln(1 + u) = 2 atanh(s) from s = u / (2 + u) in [0, 1/3].

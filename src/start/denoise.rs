@@ -30,14 +30,14 @@ const SMOOTHINGS: [f64; 7] = [1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
 const REFERENCES: [usize; 3] = [6, 4, 2];
 /// Standard errors by which the best smoothing must predict better than none. Not a level of significance, as the best
 /// of several is taken; how often exact clouds pass it is in `benches/method.md`.
-const SURE: f64 = 3.0;
+const MIN_STANDARD_ERRORS: f64 = 3.0;
 /// Noise, as estimated (standard deviation, working frame), that is worth taking off; less may be detail. Estimates are
 /// rather low, for the normals take some of it.
-const NEGLIGIBLE: f64 = 3e-3;
+const MIN_NOISE: f64 = 3e-3;
 /// The least slope that is believed, so that no place has the density 0. Not tuned.
 const MIN_SLOPE: f64 = 0.05;
 /// How often normals are found anew for the plate that was chosen with the last ones.
-const ROUNDS: usize = 4;
+const MAX_ROUNDS: usize = 4;
 /// The median of the square of a standard normal number.
 const MEDIAN_SQUARE: f64 = 0.4549;
 
@@ -92,7 +92,7 @@ fn smoothed(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<Denoised> {
             all.iter().map(|(system, covariances)| forecasts(system, covariances, &gradients)).collect();
         let row = choose(&rows)?;
         let noise = noise(SMOOTHINGS[row - 1], &rows[row]);
-        (noise >= NEGLIGIBLE).then_some(Choice { smoothing: row - 1, noise, gradients })
+        (noise >= MIN_NOISE).then_some(Choice { smoothing: row - 1, noise, gradients })
     };
     let first = REFERENCES.iter().find_map(|&r| choice(systems[r].least_bending(rough.clone())))?;
     let again = |last: &Choice| choice(systems[last.smoothing].least_bending(last.gradients.clone()));
@@ -111,10 +111,10 @@ struct Choice {
     gradients: Vec<f64>,
 }
 
-/// The choice that follows from the first by choosing again, until it is the same smoothing; at most [`ROUNDS`] times,
-/// and not beyond one after which no noise is found.
+/// The choice that follows from the first by choosing again, until it is the same smoothing; at most [`MAX_ROUNDS`]
+/// times, and not beyond one after which no noise is found.
 fn settled(mut last: Choice, again: impl Fn(&Choice) -> Option<Choice>) -> Choice {
-    for _ in 0..ROUNDS {
+    for _ in 0..MAX_ROUNDS {
         let Some(next) = again(&last) else { break };
         let same = next.smoothing == last.smoothing;
         last = next;
@@ -177,7 +177,7 @@ fn choose(forecasts: &[Vec<Forecast>]) -> Option<usize> {
     let best = finite.max_by(|&a, &b| mean(&rows[a]).total_cmp(&mean(&rows[b])))?;
     let (gain, error) = difference(&rows[best], &rows[0]);
     // Written so that figures that are not finite choose none.
-    if gain > SURE * error {
+    if gain > MIN_STANDARD_ERRORS * error {
         (1..=best).find(|&k| {
             let (gain, error) = difference(&rows[best], &rows[k]);
             gain <= error

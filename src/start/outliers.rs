@@ -19,18 +19,19 @@ const LIKELY: (f64, f64) = (2.0, 2.0);
 /// are more of them, they are a thin part.
 const ODD: (f64, usize) = (2.0, 2);
 /// Neighbours that planes are looked for among.
-const MORE: usize = 12;
+const PLANE_NEIGHBOURS: usize = 12;
 /// A point that reaches so much farther than usual is a stray wherever it lies.
-const LOST: f64 = 10.0;
-/// A cloud with more strays is no surface with strays.
+const MIN_LOST_FACTOR: f64 = 10.0;
+/// The largest share of strays: a cloud with more is not taken for a surface with strays.
 const MAX_SHARE: f64 = 0.1;
-/// Fewer points say nothing about each other.
+/// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
-/// Searches, each without the strays of those before: one far away hides nearer ones.
-const ROUNDS: usize = 8;
+/// The most searches, each without the strays of those before: one far away hides nearer ones.
+const MAX_ROUNDS: usize = 8;
 
 /// How readily a point is taken for a stray.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Suspicion {
     /// Only where hardly a point of a surface would be.
     #[default]
@@ -57,7 +58,7 @@ pub enum Suspicion {
 pub fn find_outliers<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<u32> {
     let n = points.len();
     let mut kept: Vec<u32> = (0..n as u32).collect();
-    for _ in 0..ROUNDS {
+    for _ in 0..MAX_ROUNDS {
         if kept.len() < MIN_POINTS {
             break;
         }
@@ -81,7 +82,7 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
     let none = || vec![false; points.len()];
     let Ok(frame) = Normalizer::of(points) else { return none() };
     let unit = frame.forward(points);
-    let k = (MORE + 1).min(unit.len());
+    let k = (PLANE_NEIGHBOURS + 1).min(unit.len());
     let near = KdTree::new(&unit).k_nearest(&unit, k);
     // A point itself is among its nearest, first but for others at the same place.
     let all = |i: usize| near[i * k..(i + 1) * k].iter().filter(move |&&j| j as usize != i);
@@ -109,8 +110,8 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
         around.sort_by(f64::total_cmp);
         let usual = around[USUAL].max(median);
         let farther = reach[i] / usual;
-        if farther >= LOST || farther < far {
-            return farther >= LOST;
+        if farther >= MIN_LOST_FACTOR || farther < far {
+            return farther >= MIN_LOST_FACTOR;
         }
         let odd = |j: u32| reach[j as usize] >= ODD.0 * median;
         let few = (1..=ODD.1).contains(&others(i).filter(|&&j| odd(j)).count());

@@ -3,27 +3,28 @@
 /// The area of a usual shape, in the working frame: that of a sphere is 3.1, of a cow 1.9, of a man 0.6.
 pub const USUAL_AREA: f64 = 2.2;
 
-/// What a grid is made coarser and finer by at most.
-const FACTORS: (f64, f64) = (0.5, 4.0);
-/// The resolution that this does not take a grid beyond: steps would become many times dearer.
-const FINEST: f64 = 192.0;
-/// The least that a [`TetGrid`](crate::geometry::TetGrid) of the working frame can have.
+/// The least that a resolution is multiplied by.
+const MIN_FACTOR: f64 = 0.5;
+/// The most that a resolution is multiplied by.
+const MAX_FACTOR: f64 = 4.0;
+/// The most cubes a side that a grid is refined to: with more, a step would cost many times as much.
+const MAX_CUBES: f64 = 192.0;
+/// The fewest cubes a side that a [`TetGrid`](crate::geometry::TetGrid) of the working frame can have.
 const MIN_CUBES: usize = 3;
 
 /// Cubes along each side of a grid at which a surface of the given area crosses about as many as one of the `usual`
 /// area does at `resolution`. They differ from `resolution` by a multiple of 4 and are half to 4 times as many a side,
 /// and not more than 192, unless `resolution` is.
 ///
-/// `resolution` itself if the usual area is 0 or the area not finite.
+/// `resolution` itself if the usual area is not positive or the area not finite.
 ///
 /// The same number of points lie closer to each other on a smaller surface, and its parts are thinner.
 pub fn resolution_for_area(resolution: usize, area: f64, usual: f64) -> usize {
     if !(usual > 0.0 && area.is_finite()) {
         return resolution;
     }
-    let (least, most) = FACTORS;
-    let limit = (FINEST / resolution as f64).max(1.0);
-    let factor = (usual / area).sqrt().clamp(least, most).min(limit);
+    let limit = (MAX_CUBES / resolution as f64).max(1.0);
+    let factor = (usual / area).sqrt().clamp(MIN_FACTOR, MAX_FACTOR).min(limit);
     let change = (resolution as f64 * (factor - 1.0) / 4.0).round() as isize * 4;
     resolution.saturating_add_signed(change).max(MIN_CUBES)
 }

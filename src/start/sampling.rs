@@ -3,7 +3,7 @@
 use crate::geometry::{KdTree, Normalizer, Position};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-/// Fewer points say nothing about each other.
+/// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
 /// Neighbours that the usual distance of neighbours is the mean of.
 const REACHED: usize = 4;
@@ -24,11 +24,11 @@ pub struct Sampling {
 /// Neighbours that a neighbourhood is measured by: near ones for curves, more for volumes.
 const SHAPED: [usize; 2] = [6, 12];
 /// The median second extent of neighbourhoods along curves, of the first, at most: near ones, and all.
-const CURVE: [f64; 2] = [0.2, 0.4];
+const MAX_CURVE_EXTENTS: [f64; 2] = [0.2, 0.4];
 /// The median third extent of neighbourhoods in a volume, of the first, at least. Thin parts of shapes have up to 0.46.
-const VOLUME: f64 = 0.5;
-/// Points that say what sampling they are; fewer on a small shape are as good as everywhere.
-const TELLING: usize = 100;
+const MIN_VOLUME_EXTENT: f64 = 0.5;
+/// The fewest points of which curves and volumes are told from surfaces; fewer look like any of them.
+const MIN_POINTS_OF_A_KIND: usize = 100;
 /// Usual distances of neighbours that separate parts, and the share of the points that makes a part.
 const PARTS: (f64, f64) = (6.0, 0.05);
 
@@ -65,8 +65,10 @@ impl Sampling {
                 .collect(),
         );
         Sampling {
-            fills_volume: n >= TELLING && share(&more, 2) > VOLUME,
-            on_curves: n >= TELLING && share(&few, 1) < CURVE[0] && share(&more, 1) < CURVE[1],
+            fills_volume: n >= MIN_POINTS_OF_A_KIND && share(&more, 2) > MIN_VOLUME_EXTENT,
+            on_curves: n >= MIN_POINTS_OF_A_KIND
+                && share(&few, 1) < MAX_CURVE_EXTENTS[0]
+                && share(&more, 1) < MAX_CURVE_EXTENTS[1],
             parts: parts(&tree, &unit, (PARTS.0 * reach) as f32),
         }
     }

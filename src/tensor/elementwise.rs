@@ -1,6 +1,6 @@
 //! Elementwise passes.
 
-use super::{PARALLEL_MIN, Tensor};
+use super::{MIN_PARALLEL, Tensor};
 use crate::simd::kernel;
 use rayon::prelude::*;
 
@@ -16,7 +16,7 @@ kernel! {
 /// Calls `f(out, x)` on equal pieces of a new tensor and of `x`, side by side on several threads if it is large.
 pub(crate) fn map(x: &Tensor, f: impl Fn(&mut [f32], &[f32]) + Sync) -> Tensor {
     let mut out = x.uninit_like(x.dims());
-    if x.len() < PARALLEL_MIN {
+    if x.len() < MIN_PARALLEL {
         f(out.data_mut(), x.data());
     } else {
         out.data_mut().par_chunks_mut(BLOCK).zip(x.data().par_chunks(BLOCK)).for_each(|(o, x)| f(o, x));
@@ -32,7 +32,7 @@ pub(crate) fn map_to_two(
     x: &Tensor,
     f: impl Fn(&mut [f32], &mut [f32], &[f32]) + Sync,
 ) {
-    if x.len() < PARALLEL_MIN {
+    if x.len() < MIN_PARALLEL {
         f(a.data_mut(), b.data_mut(), x.data());
     } else {
         let out = a.data_mut().par_chunks_mut(BLOCK).zip(b.data_mut().par_chunks_mut(BLOCK));
@@ -45,7 +45,7 @@ pub(crate) fn map_to_two(
 pub(crate) fn map2(a: &Tensor, b: &Tensor, f: impl Fn(&mut [f32], &[f32], &[f32]) + Sync) -> Tensor {
     assert!(a.len() == b.len(), "elementwise: {:?} and {:?}", a.shape(), b.shape());
     let mut out = a.uninit_like(a.dims());
-    if a.len() < PARALLEL_MIN {
+    if a.len() < MIN_PARALLEL {
         f(out.data_mut(), a.data(), b.data());
     } else {
         out.data_mut()
@@ -64,7 +64,7 @@ pub(crate) fn row_block(cols: usize) -> usize {
 
 /// Fills `out` (rows of `cols` values) by calling `f(first_row, piece)` on pieces of whole rows.
 pub(crate) fn map_rows(out: &mut [f32], cols: usize, f: impl Fn(usize, &mut [f32]) + Sync) {
-    if out.len() < PARALLEL_MIN || cols == 0 {
+    if out.len() < MIN_PARALLEL || cols == 0 {
         f(0, out);
     } else {
         let rows = row_block(cols);

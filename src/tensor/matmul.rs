@@ -11,15 +11,15 @@ use rayon::prelude::*;
 use std::cell::Cell;
 
 /// A left or inner side of at most this many takes a thin path.
-const THIN: usize = 5;
+const MAX_THIN: usize = 5;
 /// So does a right side of at most this many columns: a panel would be mostly zeros.
-const THIN_RIGHT: usize = 2;
+const MAX_THIN_RIGHT: usize = 2;
 /// Rows of the result that a thread works on at a time; whole tiles for every instruction set.
 const BLOCK: usize = 96;
 /// The same for results of few rows, such as gradients of weights.
 const SMALL_BLOCK: usize = 24;
 /// Multiply-adds below which a product stays on the calling thread.
-const PARALLEL_MIN: usize = 1 << 20;
+const MIN_PARALLEL: usize = 1 << 20;
 
 /// Values of panels that a thread keeps from one product to the next, 4 MB: right sides of up to about 4,000 columns.
 /// What is larger is given back, since the threads of the pool live as long as the program.
@@ -61,7 +61,7 @@ fn gemm_with(
     if is_empty(out, stride, a, b.rows(), n) {
         return;
     }
-    if k == 0 || m <= THIN || k <= THIN || n <= thin_right(a) {
+    if k == 0 || m <= MAX_THIN || k <= MAX_THIN || n <= thin_right(a) {
         thin(out, stride, base, a, b);
     } else {
         // Taken out, not borrowed: while this thread waits for others it may begin another product.
@@ -93,7 +93,7 @@ fn is_empty(out: &[f32], stride: usize, a: MatRef<'_>, k: usize, n: usize) -> bo
 /// Columns up to which the right side of a product with `a` takes a thin path: a transposed left side goes well with
 /// whole rows of the transposed result.
 fn thin_right(a: MatRef<'_>) -> usize {
-    if a.is_transposed() { THIN } else { THIN_RIGHT }
+    if a.is_transposed() { MAX_THIN } else { MAX_THIN_RIGHT }
 }
 
 /// [`gemm`] with a right side that has been put into panels before.
@@ -107,7 +107,7 @@ pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, base: Base<'_>, a: Mat
         return;
     }
     assert!(k > 0, "matmul: panels of no rows");
-    if m * n * k < PARALLEL_MIN || m <= SMALL_BLOCK {
+    if m * n * k < MIN_PARALLEL || m <= SMALL_BLOCK {
         multiply(Target { data: out, stride, base }, a, b);
     } else {
         let block = if m < 8 * BLOCK { SMALL_BLOCK } else { BLOCK };
@@ -141,7 +141,7 @@ fn thin(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef
             Base::Row(base) => row[..n].copy_from_slice(base),
         }
     }
-    if n <= THIN && !a.is_transposed() && k > THIN {
+    if n <= MAX_THIN && !a.is_transposed() && k > MAX_THIN {
         // Few columns: one dot product a value, over a contiguous copy of each column of b.
         let columns: Vec<f32> = (0..n).flat_map(|j| (0..k).map(move |l| b.at(l, j))).collect();
         for (i, row) in out.chunks_mut(stride).take(m).enumerate() {
@@ -149,7 +149,7 @@ fn thin(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef
                 *o += dot(a.line(i), column);
             }
         }
-    } else if n <= THIN && a.is_transposed() && m > THIN {
+    } else if n <= MAX_THIN && a.is_transposed() && m > MAX_THIN {
         // The transposed product has long rows: n x m = b^T a^T.
         let mut turned = vec![0.0; n * m];
         thin_axpy(&mut turned, m, b.t(), a.t());

@@ -25,7 +25,7 @@ use std::fmt;
 pub const MAX_RANK: usize = 4;
 
 /// Elements below which a pass stays on the calling thread.
-pub(crate) const PARALLEL_MIN: usize = 1 << 16;
+pub(crate) const MIN_PARALLEL: usize = 1 << 16;
 
 /// The dimensions of a tensor, outermost first.
 #[derive(Clone, Copy, PartialEq, Eq)]

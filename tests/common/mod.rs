@@ -73,7 +73,7 @@ pub const TINY: [&str; 7] = [
     "start.shape=sphere",
     "bsp.channels=8",
     "bsp.heads=2",
-    "bsp.pretrain=3",
+    "bsp_pretrain=3",
     "stages=12:20",
 ];
 

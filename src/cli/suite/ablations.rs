@@ -117,10 +117,10 @@ pub fn changes(name: &str, base: &Config) -> Option<Changes> {
             ("weights.cover", "0"),
             ("weights.laplacian", "0"),
         ]),
-        "without_para" => set(&[("weights.para", "0"), ("bsp.pretrain", "0")]),
+        "without_para" => set(&[("weights.para", "0"), ("bsp_pretrain", "0")]),
         "without_deform" => {
             let steps = pretraining(base).to_string();
-            set(&[("bsp.pretrain", &steps), ("bsp.every", "0")])
+            set(&[("bsp_pretrain", &steps), ("bsp_every", "never")])
         }
         "without_surf" => set(&[("weights.surf", "0")]),
         "with_surf" => set(&[("weights.surf", "0.01")]),
@@ -145,10 +145,7 @@ fn pretraining(base: &Config) -> usize {
     if base.parameterization == Parameterization::None {
         return 0;
     }
-    let during = match base.bsp_every {
-        0 => 0,
-        every => base.steps_in(Phase::Train).div_ceil(every),
-    };
+    let during = base.bsp_every.map_or(0, |every| base.steps_in(Phase::Train).div_ceil(every));
     base.steps_in(Phase::Pretrain) + during
 }
 
@@ -202,11 +199,11 @@ mod tests {
     fn a_frozen_parameterization_was_trained_as_long_as_a_live_one() {
         // 30 steps before and every sixth of 120; 100 and every second of 400.
         let frozen = applied("without_deform", Preset::Default);
-        assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (50, 0));
+        assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (50, None));
         let frozen = applied("without_deform", Preset::Fine);
-        assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (300, 0));
+        assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (300, None));
         let frozen = applied("without_deform", Preset::Paper);
-        assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (300, 0));
+        assert_eq!((frozen.bsp_pretrain, frozen.bsp_every), (300, None));
         assert_eq!(frozen.weights.deform, 1.0);
     }
 

@@ -9,9 +9,9 @@ use bijective_sdf::{Error, ErrorKind};
 use super::super::failure::Failure;
 use super::super::files::{Content, Input};
 
-/// A cloud to reconstruct, and what it was taken from.
+/// The files of a shape: a cloud to reconstruct and, if there is one, the truth that it was taken from.
 #[derive(Clone, Debug, PartialEq, Eq)]
-pub struct Shape {
+pub struct ShapeFiles {
     /// The stem of the cloud's file.
     pub name: String,
     /// The cloud's file.
@@ -58,7 +58,7 @@ pub struct Search<'a> {
 }
 
 /// The shapes by name.
-pub fn find(search: Search<'_>) -> Result<Vec<Shape>, Failure> {
+pub fn find(search: Search<'_>) -> Result<Vec<ShapeFiles>, Failure> {
     let below = |name: &str| Some(search.dir.join(name)).filter(|d| d.is_dir());
     let from = below("in").unwrap_or_else(|| search.dir.to_path_buf());
     let mut clouds = list(&from)?;
@@ -77,16 +77,16 @@ pub fn find(search: Search<'_>) -> Result<Vec<Shape>, Failure> {
             truths
         }
     };
-    let mut shapes: Vec<Shape> = clouds
+    let mut shapes: Vec<ShapeFiles> = clouds
         .into_iter()
         .filter(|(name, _)| matches(search.inputs, name))
         .map(|(name, cloud)| {
             let stem = truth_of(&name, truths.iter().map(|(stem, _)| stem.as_str()));
             let truth = stem.and_then(|stem| truths.iter().find(|(s, _)| s == stem).cloned());
-            Shape { name, cloud, truth }
+            ShapeFiles { name, cloud, truth }
         })
         .collect();
-    let is = |shape: &Shape, wanted: &str| {
+    let is = |shape: &ShapeFiles, wanted: &str| {
         shape.name == wanted || shape.truth.as_ref().is_some_and(|(stem, _)| stem == wanted)
     };
     for wanted in search.shapes {
@@ -182,7 +182,7 @@ mod tests {
         }
     }
 
-    fn names(shapes: &[Shape]) -> Vec<(&str, Option<&str>)> {
+    fn names(shapes: &[ShapeFiles]) -> Vec<(&str, Option<&str>)> {
         shapes.iter().map(|s| (s.name.as_str(), s.truth.as_ref().map(|t| t.0.as_str()))).collect()
     }
 

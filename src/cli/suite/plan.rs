@@ -10,7 +10,7 @@ use bijective_sdf::{Error, ErrorKind};
 use super::super::failure::Failure;
 use super::super::sample::Noise;
 use super::fingerprint::Fingerprint;
-use super::inputs::Shape;
+use super::inputs::ShapeFiles;
 use super::setting::Setting;
 
 /// What holds for all runs.
@@ -26,7 +26,7 @@ pub struct Measure {
 #[derive(Clone, Debug)]
 pub struct Job<'a> {
     /// What to reconstruct.
-    pub shape: &'a Shape,
+    pub shape: &'a ShapeFiles,
     /// How.
     pub setting: &'a Setting,
     /// With which seed.
@@ -38,7 +38,9 @@ pub struct Job<'a> {
 impl Job<'_> {
     /// All options, the seed included.
     pub fn config(&self) -> Config {
-        Config { seed: self.seed, ..self.setting.config.clone() }
+        let mut config = self.setting.config.clone();
+        config.seed = self.seed;
+        config
     }
 
     /// The file of the mesh, below the directory of the results. The beginning of the fingerprint keeps apart what runs
@@ -62,7 +64,7 @@ impl Job<'_> {
 #[derive(Debug)]
 pub struct Plan<'a> {
     /// The shapes by name.
-    pub shapes: &'a [Shape],
+    pub shapes: &'a [ShapeFiles],
     /// The settings in the order they were asked for.
     pub settings: &'a [Setting],
     /// The runs.
@@ -74,7 +76,7 @@ pub struct Plan<'a> {
 impl<'a> Plan<'a> {
     /// Plans all runs; reads every file once.
     pub fn new(
-        shapes: &'a [Shape],
+        shapes: &'a [ShapeFiles],
         settings: &'a [Setting],
         seeds: &[u64],
         measure: Measure,
@@ -172,7 +174,7 @@ pub mod tests {
     }
 
     /// Shapes with a truth each, files in a directory of their own.
-    pub fn shapes(dir: &Path, names: &[&str]) -> Vec<Shape> {
+    pub fn shapes(dir: &Path, names: &[&str]) -> Vec<ShapeFiles> {
         let _ = fs::remove_dir_all(dir);
         fs::create_dir_all(dir).unwrap();
         let file = |name: String| {
@@ -182,7 +184,7 @@ pub mod tests {
         };
         names
             .iter()
-            .map(|name| Shape {
+            .map(|name| ShapeFiles {
                 name: name.to_string(),
                 cloud: file(format!("{name}_300.xyz")),
                 truth: Some((name.to_string(), file(format!("{name}.ply")))),

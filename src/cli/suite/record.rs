@@ -308,20 +308,20 @@ impl Record {
 pub mod tests {
     use super::super::plan::tests::{MEASURE, setting};
     use super::*;
-    use crate::cli::suite::inputs::Shape;
-    use bijective_sdf::bsp::CodeCoverage;
+    use crate::cli::coverage::tests::some_coverage;
+    use crate::cli::suite::inputs::ShapeFiles;
     use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
     use bijective_sdf::geometry::TriangleMesh;
     use serde_json::Value;
 
-    const COVERAGE: Coverage = Coverage {
-        points: 3,
-        surface: 8,
-        distinct: 6,
-        q_to_s: 0.125,
-        s_to_q: 0.25,
-        codes: Some(CodeCoverage { mean_code: 0.5, sphere: 8, used: 2, near_pairs: 10, folded_pairs: 1 }),
-    };
+    fn coverage() -> Coverage {
+        let mut coverage = some_coverage(true);
+        (coverage.surface, coverage.distinct) = (8, 6);
+        (coverage.q_to_s, coverage.s_to_q) = (0.125, 0.25);
+        let codes = coverage.codes.as_mut().unwrap();
+        (codes.used, codes.near_pairs, codes.folded_pairs) = (2, 10, 1);
+        coverage
+    }
 
     fn tetrahedron() -> TriangleMesh {
         TriangleMesh {
@@ -333,11 +333,12 @@ pub mod tests {
     #[test]
     fn what_is_written_is_read() {
         let shape =
-            Shape { name: "a \"b\"".into(), cloud: "a".into(), truth: Some(("a".into(), "b".into())) };
+            ShapeFiles { name: "a \"b\"".into(), cloud: "a".into(), truth: Some(("a".into(), "b".into())) };
         let setting = setting("multiple:3");
         let job = Job { shape: &shape, setting: &setting, seed: u64::MAX, fingerprint: "f00".into() };
         let mesh = tetrahedron();
-        let options = Options { samples: 200, ..Options::shape() };
+        let mut options = Options::shape();
+        options.samples = 200;
         let report = evaluate(GroundTruth::Mesh(&mesh), &mesh, &options).unwrap();
         let sets: [&[[f32; 3]]; 2] = [&mesh.verts, &mesh.verts[..2]];
         let points = evaluate_points(GroundTruth::Mesh(&mesh), &sets, &options).unwrap();
@@ -347,7 +348,7 @@ pub mod tests {
             topology: Some(mesh.topology()),
             truth: Some(mesh.topology()),
             report: Some(report.clone()),
-            coverage: Some(COVERAGE),
+            coverage: Some(coverage()),
             truth_coverage: TruthCoverage::of(&points),
             ..Outcome::default()
         };

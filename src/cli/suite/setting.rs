@@ -276,10 +276,8 @@ mod tests {
         list.sort_unstable();
         assert_eq!(list, ["noisy", "part", "wide"]);
         let find = |name: &str| settings.iter().find(|s| s.name == name).unwrap();
-        let wide = Config {
-            field: bijective_sdf::field::FieldConfig { width: 32, ..Config::preset(Preset::Fast).field },
-            ..Config::preset(Preset::Fast)
-        };
+        let mut wide = Config::preset(Preset::Fast);
+        wide.field.width = 32;
         assert_eq!(find("wide").config, wide);
         assert_eq!(find("wide").input, input);
         assert_eq!(find("noisy").input, Change { points: Some(500), noise: Some(Noise::Absolute(0.005)) });

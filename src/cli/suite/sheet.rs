@@ -19,10 +19,10 @@ const WIDTH: usize = 2640;
 const ASPECT: f64 = 1.2;
 /// Columns beyond which labels would not fit.
 const MAX_COLUMNS: usize = 4;
-/// Pictures of a shape.
+/// The number of pictures of a shape: input, S, result and truth.
 const PANELS: usize = 4;
-/// Most pixels a side of one of them.
-const LARGEST: usize = 360;
+/// The most pixels a side of one picture of a shape.
+const MAX_PANEL: usize = 360;
 /// Pixels between shapes.
 const GAP: usize = 8;
 /// Pixels of a dot of a letter.
@@ -63,7 +63,7 @@ impl Layout {
     fn of(shapes: usize) -> Layout {
         let shapes = shapes.max(1);
         let layout = |columns: usize| {
-            let panel = (((WIDTH - GAP) / columns - GAP) / PANELS).min(LARGEST);
+            let panel = (((WIDTH - GAP) / columns - GAP) / PANELS).min(MAX_PANEL);
             Layout { columns, rows: shapes.div_ceil(columns), panel }
         };
         let off = |l: &Layout| {
@@ -229,7 +229,7 @@ fn panels(
 
 #[cfg(test)]
 mod tests {
-    use super::super::inputs::Shape;
+    use super::super::inputs::ShapeFiles;
     use super::super::plan::tests::setting;
     use super::super::record::Form;
     use super::super::results::tests::{WHOLE, record};
@@ -254,7 +254,7 @@ mod tests {
 
     #[test]
     fn labels_tell_what_is_wrong() {
-        let shape = Shape { name: "a_300".into(), cloud: "a".into(), truth: None };
+        let shape = ShapeFiles { name: "a_300".into(), cloud: "a".into(), truth: None };
         let setting = setting("default");
         let job = Job { shape: &shape, setting: &setting, seed: 0, fingerprint: String::new() };
         let of = |record: &Record| label(&Entry { job: &job, record });

@@ -10,7 +10,7 @@ use std::sync::{Mutex, OnceLock};
 use std::thread;
 use std::time::Instant;
 
-use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, Report, evaluate, evaluate_points};
+use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, evaluate, evaluate_points};
 use bijective_sdf::geometry::{Bounds, Topology, about, sample_surface};
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::{Reconstruction, Trainer};
@@ -35,7 +35,7 @@ const INPUT_SEED: u64 = 0x696e_7075_7400_0000;
 pub struct Truth {
     /// Its mesh or cloud.
     pub content: Content,
-    /// What the mesh is like.
+    /// The topology, if it is a mesh.
     pub topology: Option<Topology>,
 }
 
@@ -55,7 +55,8 @@ impl Truth {
         match &self.content {
             Content::Mesh(mesh) => {
                 let local = mesh.about(mesh.offset());
-                let options = Options { floor: true, ..*options };
+                let mut options = *options;
+                options.floor = true;
                 Ok(evaluate(GroundTruth::Mesh(&local), &local, &options)?.floor)
             }
             Content::Cloud(_) => Ok(None),
@@ -107,11 +108,11 @@ fn added(points: &[[f32; 3]], offset: [f64; 3]) -> Vec<[f64; 3]> {
     points.iter().map(|p| std::array::from_fn(|a| f64::from(p[a]) + offset[a])).collect()
 }
 
-/// How to work.
+/// Where, how and with what the runs of a suite are made.
 pub struct Workshop<'a> {
     /// The directory of all results.
     pub out: &'a Path,
-    /// What holds for all runs.
+    /// How the meshes of all runs are taken and measured.
     pub measure: Measure,
     /// Runs at the same time.
     pub jobs: usize,
@@ -192,7 +193,8 @@ impl Workshop<'_> {
     }
 
     fn attempt(&self, job: &Job<'_>, truth: Option<&Shared>, outcome: &mut Outcome) -> Result<(), Stop> {
-        let options = Options { samples: self.measure.samples, floor: false, ..Options::shape() };
+        let mut options = Options::shape();
+        (options.samples, options.floor) = (self.measure.samples, false);
         let truth = match (truth, &job.shape.truth) {
             (Some(shared), Some((_, path))) => {
                 let read = || -> Result<_, Failure> {
@@ -225,13 +227,15 @@ impl Workshop<'_> {
         if let Some((truth, floor)) = truth {
             let offset = truth.content.offset();
             let truth = truth.content.about(offset);
-            let report = evaluate(truth.ground_truth(), &mesh.about(offset), &options)?;
-            outcome.report = Some(Report { floor: *floor, ..report });
+            let mut report = evaluate(truth.ground_truth(), &mesh.about(offset), &options)?;
+            report.floor = *floor;
+            outcome.report = Some(report);
             let sets = [about(field.cloud(), offset), about(&surface, offset)];
             let sets = [&sets[0][..], &sets[1]];
             let sets = if surface.is_empty() { &sets[..1] } else { &sets };
             // With the floor, which is another for every number of points.
-            let reports = evaluate_points(truth.ground_truth(), sets, &Options { floor: true, ..options })?;
+            options.floor = true;
+            let reports = evaluate_points(truth.ground_truth(), sets, &options)?;
             outcome.truth_coverage = TruthCoverage::of(&reports);
         }
         Ok(())
@@ -353,7 +357,7 @@ impl Shelf {
 
 #[cfg(test)]
 mod tests {
-    use super::super::inputs::Shape;
+    use super::super::inputs::ShapeFiles;
     use super::super::plan::tests::setting;
     use super::*;
     use bijective_sdf::geometry::TriangleMesh;
@@ -365,7 +369,7 @@ mod tests {
             faces: vec![[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]],
         };
         let truth = Truth { topology: Some(mesh.topology()), content: Content::Mesh(mesh.clone()) };
-        let shape = Shape { name: "a".into(), cloud: "none.xyz".into(), truth: None };
+        let shape = ShapeFiles { name: "a".into(), cloud: "none.xyz".into(), truth: None };
         let mut many = setting("many");
         many.input.points = Some(50);
         let mut noisy = many.clone();

@@ -12,6 +12,7 @@ use crate::{Error, ErrorKind};
 
 /// How to look for the surface.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct NarrowBandOptions<'a> {
     /// About how many cubes the lattice that is sampled everywhere has along the grid's longest axis. A part of the
     /// surface that is thinner than its cubes can be missed. Default 32.
@@ -23,6 +24,13 @@ pub struct NarrowBandOptions<'a> {
     /// Points near which the surface is expected (n x 3), such as the input cloud. The cubes around them are sampled
     /// on every level, so that parts thinner than the coarse cubes are not lost. Default none.
     pub seeds: &'a [[f32; 3]],
+}
+
+impl<'a> NarrowBandOptions<'a> {
+    /// The default options with these `seeds` (n x 3).
+    pub fn with_seeds(seeds: &'a [[f32; 3]]) -> Self {
+        NarrowBandOptions { seeds, ..Default::default() }
+    }
 }
 
 impl Default for NarrowBandOptions<'_> {

@@ -6,6 +6,7 @@ use crate::geometry::Position;
 
 /// One connected part of a mesh; the parts are connected through shared vertices.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct MeshComponent {
     /// Indices of its faces, ascending.
     pub faces: Vec<u32>,

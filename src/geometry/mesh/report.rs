@@ -11,6 +11,7 @@ use std::fmt;
 /// An edge is a pair of different vertices that follow each other in a face. Components are sets of faces connected
 /// through shared vertices; vertices that no face uses belong to none.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Topology {
     /// Number of vertices v, used or not.
     pub verts: usize,

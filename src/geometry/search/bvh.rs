@@ -7,7 +7,7 @@ use crate::geometry::vec3::{dist_sq, dot, triangle_normal};
 use rayon::prelude::*;
 
 /// Triangles in a leaf, at most.
-const LEAF: usize = 4;
+const MAX_LEAF: usize = 4;
 
 /// Queries answered by one task.
 const CHUNK: usize = 256;
@@ -17,6 +17,7 @@ const MAX_WAITING: usize = 34;
 
 /// The point of a mesh nearest to a query.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct SurfaceHit {
     /// Index of the face it lies on; the smallest among equally near faces.
     pub face: u32,
@@ -243,7 +244,7 @@ fn build(items: &mut [Item], triangle: &impl Fn(u32) -> [[f64; 3]; 3], first: u3
     let here = nodes.len();
     let mut node =
         Node { min: [f64::INFINITY; 3], max: [f64::NEG_INFINITY; 3], at: first, count: items.len() as u32 };
-    if items.len() <= LEAF {
+    if items.len() <= MAX_LEAF {
         for p in items.iter().flat_map(|item| triangle(item.face)) {
             node.min = std::array::from_fn(|a| node.min[a].min(p[a]));
             node.max = std::array::from_fn(|a| node.max[a].max(p[a]));

@@ -1,5 +1,7 @@
 //! The options of a run. Lengths are in the working frame: the cloud centred, its longest side 1.
 
+#[cfg(test)]
+mod documented;
 mod options;
 mod preset;
 mod scale;
@@ -17,6 +19,7 @@ use crate::reconstruct::{Phase, Weights};
 
 /// The shape that the field starts as.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum StartShape {
     /// A sphere of radius `field.radius`, by the initial weights alone.
     Sphere,
@@ -30,13 +33,14 @@ pub enum StartShape {
 
 /// How the field gets its first shape. Only `shape` matters for a sphere.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Start {
     /// Which shape. Default `plate`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
-    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings; 0 takes of 0.25,
-    /// 0.5 and 1 the one that leads to the shape that fits the points best, or 0.5 for clouds of more than 1,024
-    /// points. Default 0.
-    pub dipole_radius: f32,
+    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings. `None` (`auto`) tries
+    /// 0.25, 0.5 and 1 and keeps the one whose shape fits the points best; for clouds of more than 1,024 points it
+    /// takes 0.5. Default `auto`.
+    pub dipole_radius: Option<f32>,
     /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
     /// Steps of the regression. Default 200; more learn the faults of the first shape, too (`benches/accuracy.md`).
@@ -47,6 +51,7 @@ pub struct Start {
 
 /// What is done to the field after the training.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Finishing {
     /// Nothing.
     None,
@@ -58,6 +63,7 @@ pub enum Finishing {
 
 /// What the extracted surface is drawn to; the cloud alone if there is no parameterization.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Target {
     /// The parameterized surface S (equation 5 of the paper).
     Surface,
@@ -76,9 +82,10 @@ pub struct Stage {
 
 /// The part of the grid that training works on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Band {
-    /// Steps between two searches for the grid cubes that the surface crosses; a state to fall back to is kept each
-    /// time. Default 4.
+    /// Steps between two searches for the grid cubes that the surface crosses; each search also keeps a state to fall
+    /// back to. Default 4.
     pub refresh: usize,
     /// Rings of cubes around the crossed ones that belong to the band, too. Default 0.
     pub rings: usize,
@@ -86,13 +93,16 @@ pub struct Band {
 
 /// How much of a large cloud one step sees; clouds below these sizes are seen whole.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Batch {
-    /// A cloud of more than `points` points is thinned first, to one in each cube of this many times the spacing of
-    /// the vertices of the finest grid in `stages`, before `reference_area`; 0 keeps them all. Default 0.25.
-    pub thin: f32,
-    /// Points of the cloud in a step, at most; drawn window by window from one fixed permutation. Default 4096.
+    /// A cloud of more than `points` points is first thinned to one point in each cube of this side. The unit is the
+    /// distance between vertices of the finest grid in `stages`, before `reference_area` changes it. `None` (`off`)
+    /// keeps all points. Default 0.25.
+    pub thin: Option<f32>,
+    /// Points of the cloud in a step, at most: consecutive parts of one fixed random permutation. Default 4096.
     pub points: usize,
-    /// Centres whose patches are trained in a step, at most; a compact block of the cloud, in turn. Default 1024.
+    /// Points whose patches are trained in a step, at most: the blocks of the cloud in turn, each of points that lie
+    /// together. Default 1024.
     pub centres: usize,
 }
 
@@ -101,6 +111,7 @@ pub struct Batch {
 /// Start from [`Config::preset`] and change fields, or [`set`](Self::set) them by name. Lengths are in the working
 /// frame, where the cloud's longest side is 1.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Config {
     /// Seed of everything random. Default 0.
     pub seed: u64,
@@ -108,8 +119,7 @@ pub struct Config {
     /// Default true.
     pub scale_with_points: bool,
     /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
-    /// they do; for clouds of 50 to 500 points with another start than a sphere.
-    /// Default true; the paper does not.
+    /// they do; for clouds of 50 to 500 points whose field does not start as a sphere. Default true, paper false.
     pub denoise: bool,
     /// The network g.
     pub field: FieldConfig,
@@ -117,13 +127,13 @@ pub struct Config {
     pub parameterization: Parameterization,
     /// The sizes of BSP; `patch` and, where they learn, `channels` hold for the other parameterizations, too.
     pub bsp: BspConfig,
-    /// Steps on L_para alone before the training. Default 30; the paper has none.
+    /// Steps on L_para alone before the training. Default 30, paper 0.
     pub bsp_pretrain: usize,
     /// Whether S covers the field's first shape in the pretraining, and not the points alone. Default true.
     pub bsp_pretrain_on_shape: bool,
-    /// Steps between two trainings of the parameterization during the training; 0 freezes it after its pretraining
-    /// (the paper's ablation without L_deform for BSP). Default 6, paper 1.
-    pub bsp_every: usize,
+    /// The parameterization is trained in every this many-th step of the training. `None` (`never`) freezes it after
+    /// its pretraining (the paper's ablation without L_deform for BSP). Default 6, paper 1.
+    pub bsp_every: Option<usize>,
     /// The shape that the field starts as.
     pub start: Start,
     /// What the extracted surface is drawn to. Default `surface-and-cloud`, paper `surface`.
@@ -132,31 +142,34 @@ pub struct Config {
     pub deformation: Deformation,
     /// Weights of the loss terms.
     pub weights: Weights,
-    /// Resolutions and steps of the training, in order. With none, nothing is trained, and the result is the first
-    /// shape itself.
+    /// Resolutions and steps of the training, in order. With none (`none`), nothing is trained, and the result is the
+    /// first shape itself. Default `32:60,48:60`, which is 60 steps on 32 cubes a side and then 60 on 48.
     pub stages: Vec<Stage>,
     /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another area they
     /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the spacing of
     /// the points, and about as many cubes that the surface crosses. The first shape itself is taken from grids by its
-    /// own rule. Default 2.2; 0 trains on the same grid for all, as the paper does.
-    pub reference_area: f64,
+    /// own rule. `None` (`off`) trains on the grids of `stages` whatever the area, as the paper does. Default 2.2.
+    pub reference_area: Option<f64>,
     /// The active part of the grid.
     pub band: Band,
     /// Parts of a large cloud in a step.
     pub batch: Batch,
-    /// Samples on the faces of the extracted surface that stand for it where distances start from it; distances to it
-    /// are then to its faces. 0 takes its vertices for both. Default 4,000, which lie more evenly than the vertices of
-    /// a grid as fine as a preset's; paper 0.
-    pub surface_samples: usize,
-    /// Learning rate of the field. Default 5e-4 after a warm-up of 20 steps, then a cosine.
+    /// Samples drawn on the faces of the extracted surface, from which distances to other points are measured;
+    /// distances from other points to the surface are then to its faces. `None` (`off`) takes the vertices of the
+    /// surface for both, as the paper does. Default 4,000, which lie more evenly than those vertices.
+    pub surface_samples: Option<usize>,
+    /// Learning rate of the field over the training. Default base 5e-4, warmup 20, decay `cosine:0.05`.
     pub field_rate: Schedule,
-    /// Learning rate of the parameterization. Default 1e-3 after a warm-up of 20 steps, then a cosine.
+    /// Learning rate of the parameterization over each of its phases. Default base 1e-3, warmup 20, decay
+    /// `cosine:0.05`.
     pub bsp_rate: Schedule,
-    /// What is done to the field after the training. Default `points`; the paper does nothing.
+    /// What is done to the field after the training. Default `points`, paper `none`.
     pub finish: Finishing,
-    /// Largest length of the field's gradient, which is scaled down to it; 0 for none. Default 0.
-    pub clip: f64,
-    /// A part of the mesh whose area is below this share of the largest part's area is dropped. Default 0.01.
+    /// Largest Euclidean norm of the gradient of the loss by the field's parameters; a longer one is scaled down to it.
+    /// Default `off`, which is `None`.
+    pub clip: Option<f64>,
+    /// A part of the mesh whose area is below this share of the largest part's area is dropped; 0 keeps all parts.
+    /// Default 0.01, paper 0.
     pub min_component: f64,
 }
 
@@ -232,7 +245,7 @@ impl Config {
         }
         let advice = "use a share from 0 (keep every part) to 1 (keep the largest)";
         let fits = (0.0..=1.0).contains(&self.min_component);
-        check("mesh.min_component", fits, self.min_component, advice)
+        check("min_component", fits, self.min_component, advice)
     }
 
     fn validate_parameterization(&self) -> Result<(), Error> {
@@ -248,7 +261,7 @@ impl Config {
         )?;
         within("bsp.neighbours", b.neighbours, 1, 256)?;
         within("bsp.patch", b.patch, 1, 256)?;
-        within("bsp.reach", b.reach, 0, 4096)?;
+        within_some("bsp.reach", b.reach, 4096, "all")?;
         positive("bsp.code_density", b.code_density, 100.0)?;
         let advice = "set bsp.layout = true and bsp.average_positions = false (and bsp.slack = 1, as the preset paper), \
                       or bsp.charts = false";
@@ -263,9 +276,10 @@ impl Config {
         if let Parameterization::Multiple { maps } = self.parameterization {
             within("parameterization", maps, 2, 256)?;
         }
-        not_negative("start.dipole_radius", f64::from(self.start.dipole_radius))?;
+        within_some("bsp_every", self.bsp_every, MAX_STEPS, "never")?;
+        positive_some("start.dipole_radius", self.start.dipole_radius.map(f64::from), "auto")?;
         not_negative("start.regularity", self.start.regularity)?;
-        not_negative("reference_area", self.reference_area)?;
+        positive_some("reference_area", self.reference_area, "off")?;
         positive("start.rate", self.start.rate, 1.0)?;
         for (key, rate) in [("field_rate", &self.field_rate), ("bsp_rate", &self.bsp_rate)] {
             check_rate(key, rate)?;
@@ -301,13 +315,13 @@ impl Config {
         within("stages", self.stages.len(), 0, 100)?;
         within("band.refresh", self.band.refresh, 1, 1_000_000)?;
         within("band.rings", self.band.rings, 0, 64)?;
-        not_negative("batch.thin", f64::from(self.batch.thin))?;
+        positive_some("batch.thin", self.batch.thin.map(f64::from), "off")?;
         within("batch.points", self.batch.points, 16, 1 << 24)?;
         within("batch.centres", self.batch.centres, 16, 1 << 20)?;
-        within("surface_samples", self.surface_samples, 0, MAX_DRAWN)?;
-        within("bsp.pretrain", self.bsp_pretrain, 0, MAX_STEPS)?;
+        within_some("surface_samples", self.surface_samples, MAX_DRAWN, "off")?;
+        within("bsp_pretrain", self.bsp_pretrain, 0, MAX_STEPS)?;
         within("start.steps", self.start.steps, 0, MAX_STEPS)?;
-        not_negative("clip", self.clip)
+        positive_some("clip", self.clip, "off")
     }
 }
 
@@ -327,6 +341,19 @@ fn check(
 
 fn within(key: &str, value: usize, least: usize, most: usize) -> Result<(), Error> {
     check(key, (least..=most).contains(&value), value, format!("use {least} to {most}"))
+}
+
+/// `None` is allowed, and has this word in texts.
+fn within_some(key: &str, value: Option<usize>, most: usize, none: &str) -> Result<(), Error> {
+    let Some(value) = value else { return Ok(()) };
+    check(key, (1..=most).contains(&value), value, format!("use 1 to {most}, or {none}"))
+}
+
+/// `None` is allowed, and has this word in texts.
+fn positive_some(key: &str, value: Option<f64>, none: &str) -> Result<(), Error> {
+    let Some(value) = value else { return Ok(()) };
+    let advice = format!("use a number above 0, up to 1e9, or {none}");
+    check(key, value > 0.0 && value <= 1e9, value, advice)
 }
 
 fn positive(key: &str, value: f32, most: f32) -> Result<(), Error> {
@@ -412,7 +439,7 @@ mod tests {
             ("batch.points", "0"),
             ("field_rate.base", "0"),
             ("bsp_rate.decay", "cosine:2"),
-            ("mesh.min_component", "1.5"),
+            ("min_component", "1.5"),
             ("clip", "NaN"),
             ("parameterization", "multiple:1"),
         ] {
@@ -423,6 +450,25 @@ mod tests {
             assert_eq!(error.element(), Some(format!("option {key}").as_str()));
             assert!(error.advice().is_some());
         }
+        // Texts of 0 mean `None`; a program can still write the number.
+        let mut config = Config::preset(Preset::Default);
+        (config.bsp.reach, config.bsp_every, config.surface_samples) = (Some(0), Some(0), Some(0));
+        (config.reference_area, config.clip) = (Some(0.0), Some(0.0));
+        (config.start.dipole_radius, config.batch.thin) = (Some(0.0), Some(0.0));
+        for key in [
+            "bsp.reach",
+            "bsp_every",
+            "start.dipole_radius",
+            "reference_area",
+            "batch.thin",
+            "surface_samples",
+            "clip",
+        ] {
+            let error = config.validate().unwrap_err();
+            assert_eq!(error.element(), Some(format!("option {key}").as_str()));
+            config.set(key, "0").unwrap();
+        }
+        config.validate().unwrap();
         let mut config = Config::preset(Preset::Paper);
         config.weights.deform = 0.0;
         assert_eq!(config.validate().unwrap_err().element(), Some("option weights"));

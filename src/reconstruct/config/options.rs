@@ -18,55 +18,75 @@ trait Text: Sized {
 struct Entry {
     key: &'static str,
     get: fn(&Config) -> String,
-    set: fn(&mut Config, &str) -> Result<(), &'static str>,
+    /// Changes the option, or says what would have been a value of it.
+    set: fn(&mut Config, &str) -> Result<(), String>,
 }
 
+/// Fields of the configuration under their paths, such as `field.width`. `or` gives the word for `None`.
 macro_rules! entries {
-    ($($key:literal => $($field:ident).+;)*) => {
+    ($($first:ident $(.$rest:ident)* $(or $word:literal)?;)*) => {
         &[$(Entry {
-            key: $key,
-            get: |c| c.$($field).+.write(),
+            key: concat!(stringify!($first) $(, ".", stringify!($rest))*),
+            get: |c| entries!(@write c.$first$(.$rest)* $(, $word)?),
             set: |c, text| {
-                c.$($field).+ = Text::read(text)?;
+                c.$first$(.$rest)* = entries!(@read text $(, $word)?);
                 Ok(())
             },
         }),*]
     };
+    (@write $field:expr) => { $field.write() };
+    (@write $field:expr, $word:literal) => { write_or(&$field, $word) };
+    (@read $text:ident) => { Text::read($text)? };
+    (@read $text:ident, $word:literal) => { read_or($text, $word)? };
+}
+
+/// The value as text, or the word for none.
+fn write_or<T: Text>(value: &Option<T>, word: &str) -> String {
+    value.as_ref().map_or_else(|| word.to_string(), T::write)
+}
+
+/// The value of a text; none for the word, and for 0, which said the same in earlier versions.
+fn read_or<T: Text + Default + PartialEq>(text: &str, word: &str) -> Result<Option<T>, String> {
+    if text == word {
+        return Ok(None);
+    }
+    let value = T::read(text).map_err(|expected| format!("{expected} or {word}"))?;
+    Ok((value != T::default()).then_some(value))
 }
 
 const FIRST: &[Entry] = entries! {
-    "seed" => seed;
-    "scale_with_points" => scale_with_points;
-    "denoise" => denoise;
-    "field.width" => field.width;
-    "field.depth" => field.depth;
-    "field.octaves" => field.octaves;
-    "field.frequency" => field.frequency;
-    "field.activation" => field.activation;
-    "field.skip" => field.skip;
-    "field.radius" => field.radius;
-    "parameterization" => parameterization;
-    "bsp.channels" => bsp.channels;
-    "bsp.heads" => bsp.heads;
-    "bsp.neighbours" => bsp.neighbours;
-    "bsp.patch" => bsp.patch;
-    "bsp.code_density" => bsp.code_density;
-    "bsp.reach" => bsp.reach;
-    "bsp.average_positions" => bsp.average_positions;
-    "bsp.layout" => bsp.layout;
-    "bsp.charts" => bsp.charts;
-    "bsp.slack" => bsp.slack;
-    "bsp.normal_weight" => bsp.normal_weight;
-    "bsp.pretrain" => bsp_pretrain;
-    "bsp.pretrain_on_shape" => bsp_pretrain_on_shape;
-    "bsp.every" => bsp_every;
-    "start.shape" => start.shape;
-    "start.dipole_radius" => start.dipole_radius;
-    "start.regularity" => start.regularity;
-    "start.steps" => start.steps;
-    "start.rate" => start.rate;
-    "target" => target;
-    "deformation" => deformation;
+    seed;
+    scale_with_points;
+    denoise;
+    field.width;
+    field.depth;
+    field.octaves;
+    field.frequency;
+    field.activation;
+    field.skip or "none";
+    field.radius;
+    parameterization;
+    bsp.channels;
+    bsp.heads;
+    bsp.neighbours;
+    bsp.patch;
+    bsp.code_density;
+    bsp.reach or "all";
+    bsp.average_positions;
+    bsp.layout;
+    bsp.charts;
+    bsp.slack;
+    bsp.normal_weight;
+    bsp_pretrain;
+    bsp_pretrain_on_shape;
+    bsp_every or "never";
+    start.shape;
+    start.dipole_radius or "auto";
+    start.regularity;
+    start.steps;
+    start.rate;
+    target;
+    deformation;
 };
 
 /// `weights.NAME` for every term of the loss.
@@ -86,24 +106,24 @@ macro_rules! weight_entries {
 const WEIGHTS: &[Entry] = with_loss_terms!(weight_entries);
 
 const REST: &[Entry] = entries! {
-    "weights.deform_decay" => weights.deform_decay;
-    "stages" => stages;
-    "reference_area" => reference_area;
-    "band.refresh" => band.refresh;
-    "band.rings" => band.rings;
-    "batch.thin" => batch.thin;
-    "batch.points" => batch.points;
-    "batch.centres" => batch.centres;
-    "surface_samples" => surface_samples;
-    "field_rate.base" => field_rate.base;
-    "field_rate.warmup" => field_rate.warmup;
-    "field_rate.decay" => field_rate.decay;
-    "bsp_rate.base" => bsp_rate.base;
-    "bsp_rate.warmup" => bsp_rate.warmup;
-    "bsp_rate.decay" => bsp_rate.decay;
-    "clip" => clip;
-    "finish" => finish;
-    "mesh.min_component" => min_component;
+    weights.deform_decay;
+    stages;
+    reference_area or "off";
+    band.refresh;
+    band.rings;
+    batch.thin or "off";
+    batch.points;
+    batch.centres;
+    surface_samples or "off";
+    field_rate.base;
+    field_rate.warmup;
+    field_rate.decay;
+    bsp_rate.base;
+    bsp_rate.warmup;
+    bsp_rate.decay;
+    clip or "off";
+    finish;
+    min_component;
 };
 
 /// Names that options had in earlier versions, and those that they have now. [`Config::set`] refuses the old ones and
@@ -111,6 +131,10 @@ const REST: &[Entry] = entries! {
 pub(in crate::reconstruct) const RENAMED: &[(&str, &str)] = &[
     ("bsp.sphere", "bsp.code_density"),
     ("bsp.sheets", "bsp.normal_weight"),
+    ("bsp.pretrain", "bsp_pretrain"),
+    ("bsp.pretrain_on_shape", "bsp_pretrain_on_shape"),
+    ("bsp.every", "bsp_every"),
+    ("mesh.min_component", "min_component"),
     ("start.width", "start.dipole_radius"),
     ("weights.points", "weights.on_points"),
 ];
@@ -121,7 +145,8 @@ fn all() -> impl Iterator<Item = &'static Entry> {
 }
 
 impl Config {
-    /// Changes the option of a dotted name, such as `field.width` to `64` or `stages` to `32:200,64:100`.
+    /// Changes the option of the field of this path, such as `field.width` to `64`, `stages` to `32:200,64:100` or
+    /// `clip` to `off`. For an option with such a word for `None`, 0 means the same.
     ///
     /// Ranges are checked by [`validate`](Self::validate), as one option can make up for another.
     ///
@@ -141,6 +166,17 @@ impl Config {
     /// All options with their present values; [`set`](Self::set) reads each back to the same value.
     pub fn entries(&self) -> Vec<(&'static str, String)> {
         all().map(|e| (e.key, (e.get)(self))).collect()
+    }
+
+    /// A value as [`entries`](Self::entries) writes it, from any text that [`set`](Self::set) takes for it; other texts
+    /// stay as they are.
+    #[cfg(feature = "checkpoint")]
+    pub(in crate::reconstruct) fn usual_text(key: &str, value: &str) -> String {
+        let mut config = Config::default();
+        match all().find(|e| e.key == key) {
+            Some(entry) if config.set(key, value).is_ok() => (entry.get)(&config),
+            _ => value.to_string(),
+        }
     }
 }
 
@@ -191,15 +227,6 @@ macro_rules! number {
 }
 
 number!(usize: "a whole number", u64: "a whole number", f32: "a number", f64: "a number", bool: "true or false");
-
-impl Text for Option<usize> {
-    fn write(&self) -> String {
-        self.map_or("none".into(), |v| v.to_string())
-    }
-    fn read(text: &str) -> Result<Self, &'static str> {
-        if text == "none" { Ok(None) } else { text.parse().map(Some).map_err(|_| "a whole number or none") }
-    }
-}
 
 /// Both directions of an enumeration whose values have no parts.
 macro_rules! names {
@@ -336,6 +363,29 @@ mod tests {
                 read.set(key, &value).unwrap();
             }
             assert_eq!(read, config);
+        }
+    }
+
+    #[test]
+    fn words_stand_for_none_and_so_does_zero() {
+        for (key, word, some) in [
+            ("field.skip", "none", "1"),
+            ("bsp.reach", "all", "3"),
+            ("bsp_every", "never", "4"),
+            ("start.dipole_radius", "auto", "0.75"),
+            ("reference_area", "off", "1.5"),
+            ("batch.thin", "off", "0.5"),
+            ("surface_samples", "off", "10"),
+            ("clip", "off", "2"),
+        ] {
+            let text = |value: &str| {
+                let mut config = Config::preset(Preset::Default);
+                config.set(key, value).unwrap();
+                config.entries().into_iter().find(|e| e.0 == key).unwrap().1
+            };
+            assert_eq!([text(word), text("0"), text(some)], [word, word, some]);
+            let error = Config::default().set(key, "nothing").unwrap_err();
+            assert!(error.advice().unwrap().ends_with(&format!("number or {word}")), "{error}");
         }
     }
 

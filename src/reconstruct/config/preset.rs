@@ -1,4 +1,5 @@
-//! The named configurations, with all their numbers.
+//! The named configurations, with all their numbers but those of [`FieldConfig::default`] and
+//! [`BspConfig::default`].
 
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
@@ -12,6 +13,7 @@ use std::str::FromStr;
 
 /// A named configuration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Preset {
     /// The first shape that the others begin with, finished: no training, some four processor seconds for
     /// 300 points.
@@ -97,7 +99,7 @@ fn paper() -> Config {
         },
         bsp: BspConfig {
             channels: 128,
-            reach: 0,
+            reach: None,
             average_positions: false,
             layout: true,
             charts: true,
@@ -106,15 +108,15 @@ fn paper() -> Config {
             ..default().bsp
         },
         bsp_pretrain: 0,
-        bsp_every: 1,
+        bsp_every: Some(1),
         start: Start { shape: StartShape::Sphere, ..default().start },
         target: Target::Surface,
         weights: Weights { para: 10.0, deform: 1.0, surf: 0.01, ..Weights::NONE },
         stages: vec![Stage { resolution: 24, steps: 300 }],
-        reference_area: 0.0,
+        reference_area: None,
         field_rate: Schedule { base: 5e-4, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
         bsp_rate: Schedule { base: 1e-3, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
-        surface_samples: 0,
+        surface_samples: None,
         finish: Finishing::None,
         min_component: 0.0,
         ..default()
@@ -134,35 +136,15 @@ fn default() -> Config {
         seed: 0,
         scale_with_points: true,
         denoise: true,
-        field: FieldConfig {
-            width: 64,
-            depth: 4,
-            octaves: 3,
-            frequency: 2.0,
-            activation: Activation::Softplus { beta: 100.0 },
-            skip: None,
-            radius: 0.35,
-        },
+        field: FieldConfig::default(),
         parameterization: Parameterization::Bsp,
-        bsp: BspConfig {
-            channels: 64,
-            heads: 4,
-            neighbours: 8,
-            patch: 10,
-            code_density: 1.0,
-            reach: 12,
-            average_positions: true,
-            layout: false,
-            charts: false,
-            slack: 0.0,
-            normal_weight: 1.5,
-        },
+        bsp: BspConfig::default(),
         bsp_pretrain: 30,
         bsp_pretrain_on_shape: true,
-        bsp_every: 6,
+        bsp_every: Some(6),
         start: Start {
             shape: StartShape::Plate,
-            dipole_radius: 0.0,
+            dipole_radius: None,
             regularity: 0.05,
             steps: 200,
             rate: 2e-3,
@@ -181,13 +163,13 @@ fn default() -> Config {
             ..Weights::NONE
         },
         stages: vec![Stage { resolution: 32, steps: 60 }, Stage { resolution: 48, steps: 60 }],
-        reference_area: USUAL_AREA,
+        reference_area: Some(USUAL_AREA),
         band: Band { refresh: 4, rings: 0 },
-        batch: Batch { thin: 0.25, points: 4096, centres: 1024 },
-        surface_samples: 4000,
+        batch: Batch { thin: Some(0.25), points: 4096, centres: 1024 },
+        surface_samples: Some(4000),
         field_rate: Schedule { base: 5e-4, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
         bsp_rate: Schedule { base: 1e-3, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },
-        clip: 0.0,
+        clip: None,
         finish: Finishing::Points,
         min_component: 0.01,
     }
@@ -197,10 +179,10 @@ fn fine() -> Config {
     Config {
         field: FieldConfig { width: 128, ..default().field },
         bsp_pretrain: 100,
-        bsp_every: 2,
+        bsp_every: Some(2),
         start: Start { steps: 400, ..default().start },
         stages: [32, 48].map(|resolution| Stage { resolution, steps: 200 }).to_vec(),
-        surface_samples: 8000,
+        surface_samples: Some(8000),
         ..default()
     }
 }

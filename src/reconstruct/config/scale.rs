@@ -6,16 +6,20 @@ use crate::reconstruct::config::{MAX_DRAWN, MAX_FREQUENCY, MAX_STEPS};
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
-/// What grid resolutions grow by at most, and the resolution that the finest does not grow beyond.
-const MAX_RESOLUTION: (f64, f64) = (6.0, 192.0);
-/// Width that the rule starts from, and the width that it does not make a field grow beyond; wider ones stay.
-const WIDTHS: (f64, usize) = (64.0, 128);
-/// Octaves that are added at most.
-const MAX_OCTAVES: usize = 3;
-/// What the numbers of steps grow by at most.
-const MAX_GROWTH: f64 = 2.0;
-/// What the number of samples on the surface grows by at most.
-const MAX_SAMPLES: f64 = 8.0;
+/// The most that grid resolutions are multiplied by.
+const MAX_RESOLUTION_FACTOR: f64 = 6.0;
+/// Cubes a side that the finest grid does not grow beyond; finer ones stay.
+const MAX_RESOLUTION: f64 = 192.0;
+/// Width of the field at the usual number of points, which the rule scales.
+const USUAL_WIDTH: f64 = 64.0;
+/// Width that the rule does not make a field grow beyond; wider ones stay.
+const MAX_WIDTH: usize = 128;
+/// The most octaves that are added.
+const MAX_ADDED_OCTAVES: usize = 3;
+/// The most that numbers of steps are multiplied by.
+const MAX_STEPS_FACTOR: f64 = 2.0;
+/// The most that the number of samples on the surface is multiplied by.
+const MAX_SAMPLES_FACTOR: f64 = 8.0;
 /// Points that a patch attends to in larger clouds if it would attend to all otherwise.
 const LOCAL_REACH: usize = 16;
 
@@ -29,7 +33,7 @@ impl Config {
     /// | `field.octaves` | log2(s) / 2 more, at most 3 | an octave for each halving of the detail |
     /// | `surface_samples` | times s, at most 8 times | as many as a step sees points, and more |
     /// | steps of the start and of each stage | times s^(1/4), at most twice | a larger field learns a larger shape more slowly |
-    /// | `bsp.reach` | 16 where it is 0, all points | attention of all to all costs n^2 |
+    /// | `bsp.reach` | 16 where it is `all` | attention of all to all costs n^2 |
     ///
     /// The patches and their sphere stay. What a step sees of the cloud is bounded by `batch`, a cloud beyond that is
     /// thinned, and a step works on every active vertex of the grid. Nothing is made smaller here.
@@ -45,33 +49,31 @@ impl Config {
         }
         let s = n as f64 / USUAL_POINTS as f64;
         let longer = |steps: usize| {
-            let scaled = steps as f64 * s.powf(0.25).min(MAX_GROWTH);
+            let scaled = steps as f64 * s.powf(0.25).min(MAX_STEPS_FACTOR);
             (scaled.round() as usize).min(MAX_STEPS).max(steps)
         };
         let finest = self.stages.iter().map(|s| s.resolution).max().unwrap_or(1) as f64;
-        let (most, limit) = MAX_RESOLUTION;
-        let growth = s.sqrt().min(most).min(limit / finest).max(1.0);
+        let growth = s.sqrt().min(MAX_RESOLUTION_FACTOR).min(MAX_RESOLUTION / finest).max(1.0);
         for stage in &mut self.stages {
             let scaled = (stage.resolution as f64 * growth / 4.0).round() as usize * 4;
             stage.resolution = scaled.max(stage.resolution);
             stage.steps = longer(stage.steps);
         }
-        let drawn = (self.surface_samples as f64 * s.min(MAX_SAMPLES)).round() as usize;
-        self.surface_samples = drawn.min(MAX_DRAWN);
+        self.surface_samples = self.surface_samples.map(|samples| {
+            let drawn = (samples as f64 * s.min(MAX_SAMPLES_FACTOR)).round() as usize;
+            drawn.min(MAX_DRAWN)
+        });
         self.start.steps = longer(self.start.steps);
-        let (usual, widest) = WIDTHS;
-        let width = (usual * s.cbrt() / 16.0).round() as usize * 16;
-        self.field.width = self.field.width.max(width.min(widest));
-        let finer = ((s.log2() / 2.0).round() as usize).min(MAX_OCTAVES);
+        let width = (USUAL_WIDTH * s.cbrt() / 16.0).round() as usize * 16;
+        self.field.width = self.field.width.max(width.min(MAX_WIDTH));
+        let finer = ((s.log2() / 2.0).round() as usize).min(MAX_ADDED_OCTAVES);
         for _ in 0..finer {
             let field = &mut self.field;
             if field.octaves > 0 && field.frequency * octave_factor(field.octaves) <= MAX_FREQUENCY {
                 field.octaves += 1;
             }
         }
-        if self.bsp.reach == 0 {
-            self.bsp.reach = LOCAL_REACH;
-        }
+        self.bsp.reach = self.bsp.reach.or(Some(LOCAL_REACH));
         self
     }
 }
@@ -103,7 +105,7 @@ mod tests {
         let stages = [Stage { resolution: 84, steps: 327 }, Stage { resolution: 128, steps: 327 }];
         assert_eq!(config.stages, stages);
         assert_eq!((config.field.width, config.field.octaves, config.start.steps), (128, 4, 654));
-        assert_eq!(config.surface_samples, 57_121);
+        assert_eq!(config.surface_samples, Some(57_121));
     }
 
     #[test]
@@ -128,7 +130,7 @@ mod tests {
         config.field.octaves = 9;
         config.field.frequency = 3.9;
         config.stages = vec![Stage { resolution: 256, steps: MAX_STEPS }];
-        config.surface_samples = MAX_DRAWN;
+        config.surface_samples = Some(MAX_DRAWN);
         config.validate().unwrap();
         let scaled = config.for_points(1 << 24);
         scaled.validate().unwrap();

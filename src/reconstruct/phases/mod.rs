@@ -1,8 +1,8 @@
-//! The phases of a run: what a step of each finds at a state, as an [`Update`] of it.
+//! The phases of a run. A step of each takes a state and returns an [`Update`] of it.
 //!
 //! The field learns the first shape that is found among the points ([`start`]); then the parameterization is trained
 //! alone, to cover it ([`pretrain`]); then field, grid and parameterization together ([`train`]). The first two are
-//! quick against the third, and counted, reported, saved and taken back like it.
+//! quick against the third, and are counted, reported, saved and recovered like it.
 
 pub(super) mod pretrain;
 mod report;
@@ -19,13 +19,14 @@ use crate::optim::gradient_norm;
 use crate::tensor::Tensor;
 use std::fmt;
 
-/// What a step of a run is for, in the order of the run.
+/// The parts of a run, in order.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[non_exhaustive]
 pub enum Phase {
     /// The field learns its first shape by regression (`start.steps`).
     #[default]
     Start,
-    /// The parameterization is trained alone, on L_para (`bsp.pretrain`).
+    /// The parameterization is trained alone, on L_para (`bsp_pretrain`).
     Pretrain,
     /// The training proper (`stages`): field, grid and parameterization together.
     Train,
@@ -56,12 +57,11 @@ pub(super) type ParamGradients = Vec<Option<Tensor>>;
 
 /// How a step changes the state that it was found at: along gradients that are known to be finite.
 pub(super) struct Update {
-    /// What there is to tell of the step, the learning rates among it. Step, phase and recoveries are filled in by the
-    /// trainer.
+    /// The report of the step, with its learning rates. Step, phase and recoveries are filled in by the trainer.
     pub report: StepReport,
-    /// Of the field, if the step trains it.
+    /// Gradients by the parameters of the field, if the step trains it.
     pub field: Option<ParamGradients>,
-    /// Of the parameterization, if the step trains it.
+    /// Gradients by the parameters of the parameterization, if the step trains it.
     pub map: Option<ParamGradients>,
     /// A block and its part of S, if the step computed that.
     pub part_of_s: Option<(usize, Vec<[f32; 3]>)>,
@@ -74,12 +74,12 @@ pub(super) struct Update {
 pub(super) struct Workspace {
     pub tape: Tape,
     pub pass: FieldPass,
-    /// The surface as marching left it.
+    /// The extracted surface.
     pub iso: Isosurface,
-    /// Over the faces of the surface, built anew in each step that asks for it.
+    /// The search tree over the faces of the extracted surface, rebuilt in each step that needs it.
     pub tree: Option<TriangleBvh>,
-    /// Where a test has put an empty cell, the first step leaves its samples on the faces in it and all later ones take
-    /// these, since the loss jumps where a sample moves to another face.
+    /// For tests of gradients: the first step stores its samples on the faces here, and later steps use them again,
+    /// since the loss jumps where a sample moves to another face.
     #[cfg(test)]
     pub held_samples: Option<std::sync::OnceLock<crate::gdo::FaceSamples>>,
 }
@@ -92,8 +92,8 @@ impl Workspace {
     }
 }
 
-/// Coordinates beyond this mean that training has left the neighbourhood of the cloud for good.
-pub(super) const FAR: f32 = 1e6;
+/// The largest coordinate, working frame; beyond it the training has diverged.
+pub(super) const MAX_COORDINATE: f32 = 1e6;
 
 /// The error for values that are not finite or far away.
 pub(super) fn diverged(message: impl Into<String>) -> Error {
@@ -103,7 +103,7 @@ pub(super) fn diverged(message: impl Into<String>) -> Error {
 /// Refuses coordinates that neighbour searches cannot take.
 pub(super) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
     // Written so that NaN is refused.
-    if points.iter().all(|x| x.abs() < FAR) {
+    if points.iter().all(|x| x.abs() < MAX_COORDINATE) {
         return Ok(());
     }
     Err(diverged(format!("{what} is not finite or far away")))

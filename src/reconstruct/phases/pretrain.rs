@@ -18,7 +18,7 @@ use std::sync::Arc;
 const KEEP_EVERY: usize = 20;
 
 /// Step `step` of the pretraining of `map`, which is that of the state: on the next block of the cloud, in turn. With
-/// the first shape beside the points (`bsp.pretrain_on_shape`), S is drawn to cover it.
+/// the first shape beside the points (`bsp_pretrain_on_shape`), S is drawn to cover it.
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if S, the loss or its gradients are not finite.

@@ -12,13 +12,13 @@ pub struct StepReport {
     pub step: usize,
     /// Steps of all phases.
     pub total: usize,
-    /// What the step was for.
+    /// The phase of the step.
     pub phase: Phase,
     /// Cubes along each side of the grid; 0 before the training proper.
     pub resolution: usize,
-    /// What the step made smaller: the weighted sum of all terms in the training proper, L_para in the pretraining,
-    /// and the mean difference between the field and the distance to its first shape (with a small multiple of that
-    /// of their gradients) in the start.
+    /// The loss that the step minimised: in the training proper the weighted sum of all terms, in the pretraining
+    /// L_para, in the start the mean difference between the field and the distance to its first shape (plus a small
+    /// multiple of that of their gradients).
     pub loss: f32,
     /// The terms of the loss, before their weights.
     pub terms: Terms,
@@ -33,6 +33,6 @@ pub struct StepReport {
     pub active_verts: usize,
     /// Vertices of the extracted surface.
     pub surface_verts: usize,
-    /// Recoveries so far.
+    /// How often the run has gone back to an earlier state so far.
     pub recoveries: usize,
 }

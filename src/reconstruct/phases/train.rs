@@ -20,7 +20,7 @@ use crate::reconstruct::state::{State, fresh_adam};
 use crate::tensor::Tensor;
 use std::ops::Range;
 
-/// What comes before the first step of the training; doing it again changes nothing.
+/// Prepares a state for the first step of the training; doing it again changes nothing.
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`] if S is not finite.
@@ -35,9 +35,9 @@ pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<
     Ok(())
 }
 
-/// Where the regression left most points outside, as it may for a blade that is thin against what the network can
-/// learn in its steps, moves the field's level, so that the middle one of the points is half a cube of the grid inside.
-/// Returns whether it did; done once, it is not done again.
+/// Lowers the field by a constant where the regression left most points outside the surface, as it may for a blade that
+/// is too thin for the network to learn in its steps: the median of the points' values becomes half a cube of the grid
+/// below 0. Returns whether it did; a field that was lowered is not lowered again.
 ///
 /// # Errors
 /// As [`TetGrid::working_frame`].
@@ -72,8 +72,8 @@ pub(in crate::reconstruct) fn step(
     let (mut field, map) = at.pull_back(&recorded, &sampled, work);
     let config = &at.setup.config;
     let gradient_norm = match config.clip {
-        0.0 => gradient_norm(&field),
-        most => clip_norm(&mut field, most),
+        None => gradient_norm(&field),
+        Some(most) => clip_norm(&mut field, most),
     };
     let loss = work.tape.value(recorded.loss).item();
     if !loss.is_finite() {
@@ -124,13 +124,13 @@ pub(in crate::reconstruct) struct Seen {
     pub block: Option<usize>,
 }
 
-/// The field where a step looks at it.
+/// Values of the field at all places that a step evaluates it at.
 pub(in crate::reconstruct) struct Sampled {
-    /// At all rows.
+    /// g and grad g, a row a place.
     pub values: FieldValues,
-    /// Which rows are what.
+    /// Which rows are vertices, points and bridges.
     rows: Rows,
-    /// Rows of vertices whose value was raised on the border.
+    /// Rows of vertices on the border of the grid, whose values were raised.
     raised: Vec<u32>,
 }
 
@@ -171,14 +171,13 @@ impl<'a> TrainStep<'a> {
         } else {
             (0..size).map(|i| order[(step * size + i) % n]).collect()
         };
-        let every = config.bsp_every;
         let learns = self.state.map.as_ref().is_some_and(|map| !map.params().is_empty());
-        let trains = learns && every > 0 && step.is_multiple_of(every);
-        let block = trains.then(|| step / every % blocks.len());
+        let every = config.bsp_every.filter(|&every| learns && step.is_multiple_of(every));
+        let block = every.map(|every| step / every % blocks.len());
         Seen { points: rows.iter().map(|&i| cloud[i as usize]).collect(), rows, block }
     }
 
-    /// Evaluates the field where this step looks at it.
+    /// Evaluates the field at the active vertices, the seen points and the bridges, as far as terms need them.
     pub fn sample_field(&self, seen: &Seen, work: &mut Workspace) -> Result<Sampled, Error> {
         let (band, weights) = (self.band, &self.setup.config.weights);
         work.tape.clear();
@@ -244,8 +243,8 @@ impl<'a> TrainStep<'a> {
         let crossings = tape.edge_crossing(moved, at_verts.sdf, &iso.edges[..]);
         check_near("the extracted surface", tape.value(crossings).data())?;
         let (drawn, tree) = match config.surface_samples {
-            0 => (crossings, None),
-            count => {
+            None => (crossings, None),
+            Some(count) => {
                 let mut rng = Random::new(config.seed);
                 rng.set_stream(self.step as u64 + 1);
                 let at = tape.value(crossings).data().as_chunks().0;
@@ -390,10 +389,10 @@ mod tests {
             values.sort_by(f32::total_cmp);
             values[30]
         };
-        // Of a cube of a tenth of the grid half is left, and a step's change.
+        // Half a cube of a grid of 10 cubes a side is 0.05; the step changes it a little.
         let now = lowered(&trainer.state.field);
         assert!(lowered(&outside) > 0.2 && (-0.12..0.0).contains(&now), "{now}");
-        // It is no way out of what it has led to.
+        // Once lowered, it is not lowered again.
         assert!(!lower_to_points(&trainer.setup, &mut trainer.state).unwrap());
     }
 }

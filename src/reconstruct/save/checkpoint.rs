@@ -12,7 +12,7 @@ use crate::optim::Adam;
 use crate::reconstruct::bridges::Bridges;
 use crate::reconstruct::setup::prepare;
 use crate::reconstruct::state::{State, fresh_adam};
-use crate::reconstruct::trainer::{RECOVERIES, find_band};
+use crate::reconstruct::trainer::{MAX_RECOVERIES, find_band};
 use crate::reconstruct::{Config, Phase, Trainer};
 use crate::tensor::Tensor;
 use std::path::Path;
@@ -33,7 +33,7 @@ impl Trainer {
     }
 
     /// Takes up the run that [`save_checkpoint`](Self::save_checkpoint) saved, for the same `points` (n x 3) and
-    /// options; `finish` and `mesh.min_component`, which come after the training, may be others.
+    /// options; `finish` and `min_component`, which come after the training, may be others.
     /// [`Saved`](crate::reconstruct::Saved) knows the options of a file.
     ///
     /// # Errors
@@ -68,7 +68,7 @@ impl Trainer {
             }
             store.check_tensors(&expected)?;
             trainer.recoveries = store.parse("recoveries")?;
-            if trainer.recoveries > RECOVERIES {
+            if trainer.recoveries > MAX_RECOVERIES {
                 return Err(damaged(format!("{} recoveries", trainer.recoveries)));
             }
             let now = read_state(&store, "now", &trainer.state)?;
@@ -101,7 +101,7 @@ impl Trainer {
 }
 
 /// Options that say nothing about the training and may be others when it goes on.
-const MAY_CHANGE: [&str; 2] = ["finish", "mesh.min_component"];
+const MAY_CHANGE: [&str; 2] = ["finish", "min_component"];
 
 /// Refuses to go on with other options than those of a checkpoint.
 fn check_config(stored: &[(String, String)], config: &Config) -> Result<(), Error> {
@@ -119,7 +119,7 @@ fn check_config(stored: &[(String, String)], config: &Config) -> Result<(), Erro
             return refused(key, message, "resume with the options that the run was started with");
         }
     }
-    // What it did cannot be known, and the run would not go on as it began.
+    // An option that this version does not know may have changed the training: the run would not go on as it began.
     match stored.iter().find(|(k, _)| entries.iter().all(|(key, _)| k != key)) {
         Some((key, _)) => {
             let message = "unknown to this version".to_string();
@@ -203,8 +203,8 @@ mod tests {
         let points = ball(70);
         let path = file("resume");
         let mut blocks = tiny();
-        blocks.batch = Batch { thin: 0.25, points: 40, centres: 30 };
-        blocks.surface_samples = 50;
+        blocks.batch = Batch { thin: Some(0.25), points: 40, centres: 30 };
+        blocks.surface_samples = Some(50);
         let sparse = Config { parameterization: Parameterization::None, ..tiny() };
         let upsample = Config { parameterization: Parameterization::Upsample, ..blocks.clone() };
         let offset = Config { deformation: Deformation::Offset, ..tiny() };

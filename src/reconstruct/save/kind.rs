@@ -6,9 +6,9 @@ use crate::error::{Error, ErrorKind};
 /// What a file holds, and in which versions of its form this program reads it.
 pub(super) struct Kind {
     pub name: &'static str,
-    /// The version that is written, and the last that is read.
+    /// The version that is written, and the latest that is read.
     version: u32,
-    /// The first version that is read.
+    /// The oldest version that is read.
     oldest: u32,
 }
 

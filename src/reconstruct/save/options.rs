@@ -15,17 +15,17 @@ struct Added {
     key: &'static str,
     /// The first version of the file format whose files have it.
     since: u32,
-    /// What programs before did, as a value of the option.
+    /// The value that stands for what earlier programs did.
     before: &'static str,
 }
 
-/// Options that came after files were first read by later versions.
+/// Options that are younger than the oldest files that are read.
 const ADDED_TO_RESULTS: &[Added] = &[Added { key: "finish", since: 3, before: "none" }];
 const ADDED_TO_CHECKPOINTS: &[Added] = &[Added { key: "finish", since: 5, before: "none" }];
 
 /// Options that a result is read by: the shape of its network, how it is finished, and what its mesh is made by.
 fn is_needed(key: &str) -> bool {
-    key.starts_with("field.") || ["deformation", "finish", "mesh.min_component"].contains(&key)
+    key.starts_with("field.") || ["deformation", "finish", "min_component"].contains(&key)
 }
 
 /// Puts all options into a file.
@@ -46,7 +46,7 @@ fn stored(store: &Store, version: u32, renamed: &[(&str, &str)], added: &[Added]
     for (key, value) in &store.values {
         if let Some(key) = key.strip_prefix("config.") {
             let present = renamed.iter().find(|(old, _)| *old == key).map_or(key, |(_, new)| new);
-            found.push((present.to_string(), value.clone()));
+            found.push((present.to_string(), Config::usual_text(present, value)));
         }
     }
     for option in added.iter().filter(|option| version < option.since) {
@@ -169,7 +169,7 @@ mod tests {
             ("field.width", "1000000000", false),
             ("field.octaves", "40", false),
             ("field.skip", "9", false),
-            ("mesh.min_component", "NaN", false),
+            ("min_component", "NaN", false),
             ("batch.points", "1", true),
             ("weights.cover", "-1", true),
         ] {
@@ -185,14 +185,19 @@ mod tests {
         store.put("kind", "result");
         store.put("config.old.name", 3);
         store.put("config.seed", 4);
+        // Earlier versions wrote 0 for what has a word today.
+        store.put("config.clip", 0);
+        store.put("config.batch.thin", "0.5");
         let renamed = [("old.name", "new.name")];
         let added =
             [Added { key: "later", since: 3, before: "off" }, Added { key: "seed", since: 3, before: "0" }];
         let read = |version: u32| stored(&store, version, &renamed, &added);
         let pair = |key: &str, value: &str| (key.to_string(), value.to_string());
         // What the file has wins over what stands for it in older ones.
-        assert_eq!(read(2), [pair("new.name", "3"), pair("seed", "4"), pair("later", "off")]);
-        assert_eq!(read(3), [pair("new.name", "3"), pair("seed", "4")]);
+        let present =
+            [pair("new.name", "3"), pair("seed", "4"), pair("clip", "off"), pair("batch.thin", "0.5")];
+        assert_eq!(read(2), [&present[..], &[pair("later", "off")]].concat());
+        assert_eq!(read(3), present);
         // The names of today are those that options have, and no option has an old one.
         let known: Vec<&str> = Config::default().entries().into_iter().map(|(key, _)| key).collect();
         let present = ADDED_TO_RESULTS.iter().chain(ADDED_TO_CHECKPOINTS).map(|option| option.key);

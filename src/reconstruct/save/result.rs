@@ -9,8 +9,8 @@ use crate::error::Error;
 use crate::geometry::{Normalizer, TriangleMesh};
 use crate::random::Random;
 use crate::reconstruct::Reconstruction;
-use crate::reconstruct::phases::FAR;
-use crate::reconstruct::result::{FoundShape, Shape};
+use crate::reconstruct::phases::MAX_COORDINATE;
+use crate::reconstruct::result::{FinalShape, FoundShape};
 use crate::reconstruct::setup::initial_field;
 use crate::tensor::Tensor;
 use std::collections::BTreeMap;
@@ -45,12 +45,12 @@ impl Reconstruction {
         let frame = self.normalizer.to_array().map(|v| format!("{:016x}", v.to_bits()));
         store.put("frame", frame.join(" "));
         match &self.shape {
-            Shape::Learned(field) => {
+            FinalShape::Learned(field) => {
                 for (_, name, value) in field.params().iter() {
                     store.tensors.insert(name.into(), value.clone());
                 }
             }
-            Shape::Found(FoundShape { mesh, .. }) => {
+            FinalShape::Found(FoundShape { mesh, .. }) => {
                 store.tensors.insert(FOUND[0].into(), Tensor::from_points(&mesh.verts));
                 // Exact up to 2^24 vertices; first shapes have some ten thousand.
                 let faces: Vec<[f32; 3]> = mesh.faces.iter().map(|f| f.map(|v| v as f32)).collect();
@@ -113,10 +113,10 @@ impl Reconstruction {
         let surface = points("surface");
         let cloud = saved_cloud::read(store)?;
         let shape = match found {
-            Some([verts, faces]) => Shape::Found(read_found(points(verts), &points(faces))?),
+            Some([verts, faces]) => FinalShape::Found(read_found(points(verts), &points(faces))?),
             None => {
                 read_params(store, "", field.params_mut());
-                Shape::Learned(field)
+                FinalShape::Learned(field)
             }
         };
         let finish = match finished.map(points) {
@@ -141,7 +141,7 @@ fn read_found(verts: Vec<[f32; 3]>, faces: &[[f32; 3]]) -> Result<FoundShape, Er
 
 fn near(points: &[[f32; 3]]) -> bool {
     // Written so that NaN is refused.
-    points.as_flattened().iter().all(|x| x.abs() < FAR)
+    points.as_flattened().iter().all(|x| x.abs() < MAX_COORDINATE)
 }
 
 #[cfg(test)]
@@ -206,7 +206,7 @@ mod tests {
         for config in [tiny(), offset, bare, found] {
             let result = run(&ball(50), &config);
             assert_eq!(result.finish.is_some(), config.finish == Finishing::Points);
-            assert_eq!(matches!(result.shape, Shape::Found(_)), config.stages.is_empty());
+            assert_eq!(matches!(result.shape, FinalShape::Found(_)), config.stages.is_empty());
             result.save(&path).unwrap();
             let loaded = Reconstruction::load(&path).unwrap();
             assert!(bits(&loaded) == bits(&result));

@@ -12,7 +12,7 @@ use crate::reconstruct::{Config, Reconstruction};
 pub struct Saved {
     /// A state to resume from, or a result.
     pub kind: SavedKind,
-    /// The version of its form.
+    /// The version of the file's form.
     pub version: u32,
     /// The options of the run, adapted to the number of points.
     pub config: Config,
@@ -22,8 +22,9 @@ pub struct Saved {
     pub points: usize,
 }
 
-/// What sort of file it is.
+/// The kinds of saved files.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum SavedKind {
     /// Of [`Trainer::save_checkpoint`](crate::Trainer::save_checkpoint).
     Checkpoint {

@@ -16,25 +16,25 @@ fn every_ablation_runs() {
     let points = ball(60);
     for settings in [
         &[("parameterization", "none")][..],
-        &[("parameterization", "upsample"), ("bsp.every", "1")],
+        &[("parameterization", "upsample"), ("bsp_every", "1")],
         &[
             ("parameterization", "upsample"),
             ("batch.points", "20"),
             ("batch.centres", "16"),
             ("target", "surface"),
         ],
-        &[("parameterization", "single"), ("bsp.every", "1")],
+        &[("parameterization", "single"), ("bsp_every", "1")],
         &[("parameterization", "multiple:4"), ("surface_samples", "100")],
         &[("deformation", "offset")],
         &[("deformation", "tanh"), ("clip", "1")],
         &[("deformation", "none"), ("target", "surface")],
-        &[("bsp.every", "0"), ("weights.deform", "1")],
-        &[("weights.para", "0"), ("bsp.pretrain", "0")],
+        &[("bsp_every", "never"), ("weights.deform", "1")],
+        &[("weights.para", "0"), ("bsp_pretrain", "0")],
         &[("weights.deform", "0"), ("weights.cover", "0"), ("weights.pull", "1")],
         &[
             ("bsp.patch", "3"),
             ("bsp.neighbours", "12"),
-            ("bsp.reach", "0"),
+            ("bsp.reach", "all"),
             ("bsp.average_positions", "false"),
         ],
         &[
@@ -46,7 +46,7 @@ fn every_ablation_runs() {
             ("batch.centres", "16"),
         ],
         &[("field.activation", "relu"), ("field.skip", "1"), ("start.shape", "sphere"), ("band.rings", "2")],
-        &[("batch.points", "20"), ("batch.centres", "16"), ("bsp.reach", "0")],
+        &[("batch.points", "20"), ("batch.centres", "16"), ("bsp.reach", "all")],
     ] {
         let mut config = tiny();
         for (key, value) in settings {

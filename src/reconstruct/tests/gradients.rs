@@ -36,9 +36,9 @@ fn all_terms() -> Config {
 /// step sees a part of it.
 fn sampled_in_blocks() -> Config {
     let mut config = all_terms();
-    config.surface_samples = 150;
+    config.surface_samples = Some(150);
     (config.weights.deform, config.weights.deform_decay) = (8.0, 0.04);
-    config.batch = Batch { thin: 0.0, points: 32, centres: 20 };
+    config.batch = Batch { thin: None, points: 32, centres: 20 };
     config
 }
 
@@ -150,7 +150,7 @@ fn check_step(config: &Config, step: usize, seed: u64) -> (usize, usize) {
     let base = loss_at(&mut trainer);
     let progress = step as f32 / config.steps_in(Phase::Train) as f32;
     // Without the training of the parameterization there is no L_para in the step.
-    if config.bsp_every > 0 {
+    if config.bsp_every.is_some() {
         assert_eq!(seen.block, Some(step / 2 % trainer.setup.blocks.len()));
         let sum = weighted_terms(&config, &recorded.terms, progress);
         assert!((base - sum).abs() < 1e-5 * sum, "{base} is not the sum {sum} of {:?}", recorded.terms);
@@ -208,7 +208,7 @@ fn the_gradient_of_a_whole_step_agrees_with_differences() {
         add(check_step(&Config { deformation, target, ..all_terms() }, 0, seed));
     }
     // A parameterization that is not trained in this step.
-    add(check_step(&Config { bsp_every: 0, ..all_terms() }, 0, 3));
+    add(check_step(&Config { bsp_every: None, ..all_terms() }, 0, 3));
     assert!(unsettled * 20 < agreed, "{unsettled} of {} differences had not settled", agreed + unsettled);
 }
 

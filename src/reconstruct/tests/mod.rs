@@ -24,16 +24,16 @@ pub(in crate::reconstruct) fn tiny() -> Config {
     config.bsp.channels = 8;
     config.bsp.heads = 2;
     config.bsp.patch = 4;
-    config.bsp.reach = 5;
+    config.bsp.reach = Some(5);
     config.bsp_pretrain = 5;
     // S changes in every second of the few steps, and the weight of L_deform falls.
-    (config.bsp_every, config.weights.deform_decay) = (2, 0.04);
+    (config.bsp_every, config.weights.deform_decay) = (Some(2), 0.04);
     // One width, so that the states these tests look at do not change with the choice among several.
-    (config.start.dipole_radius, config.start.regularity) = (0.5, 0.05);
+    (config.start.dipole_radius, config.start.regularity) = (Some(0.5), 0.05);
     config.start.steps = 30;
     config.stages = vec![Stage { resolution: 8, steps: 6 }, Stage { resolution: 12, steps: 6 }];
     // The grids that the stages say, whatever the area.
-    (config.surface_samples, config.reference_area) = (0, 0.0);
+    (config.surface_samples, config.reference_area) = (None, None);
     config
 }
 
@@ -49,7 +49,7 @@ pub(in crate::reconstruct) fn noisy(n: usize) -> (Vec<[f32; 3]>, Config) {
     let mut shift = || -> f32 { rng.random_range(-0.2..0.2) };
     let points = ball(n).into_iter().map(|p| p.map(|x| x + shift())).collect();
     let mut config = tiny();
-    (config.start.dipole_radius, config.reference_area) = (0.0, 20.0);
+    (config.start.dipole_radius, config.reference_area) = (None, Some(20.0));
     (points, config)
 }
 

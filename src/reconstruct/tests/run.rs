@@ -11,9 +11,9 @@ fn the_threads_do_not_change_a_byte() {
     let points = ball(120);
     // Blocks and windows as for a large cloud.
     let mut large = tiny();
-    large.batch = Batch { thin: 0.25, points: 50, centres: 30 };
+    large.batch = Batch { thin: Some(0.25), points: 50, centres: 30 };
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
-    let samples = Config { surface_samples: 300, ..tiny() };
+    let samples = Config { surface_samples: Some(300), ..tiny() };
     let (scattered, finer) = noisy(120);
     let charts = super::ablations::with_charts(large.clone());
     let exact = [tiny(), large, offset, samples, charts].map(|config| (points.clone(), config));
@@ -58,7 +58,7 @@ fn the_fine_preset_takes_its_steps() {
     (config.start.steps, config.bsp_pretrain) = (40, 3);
     config.stages.iter_mut().for_each(|stage| stage.steps = 2);
     // The grids that the stages say, whatever the area.
-    config.reference_area = 0.0;
+    config.reference_area = None;
     let mut steps = Vec::new();
     let result = reconstruct_with(&ball(50), &config, &mut |event| {
         if let Event::Step(r) = event
@@ -189,7 +189,7 @@ fn a_run_stopped_in_the_start_gives_what_it_has() {
 #[test]
 fn scaled_clouds_use_windows_and_blocks() {
     let mut config = tiny();
-    config.batch = Batch { thin: 0.0, points: 32, centres: 20 };
+    config.batch = Batch { thin: None, points: 32, centres: 20 };
     let mut trainer = at_training(&ball(100), &config);
     assert!(trainer.setup.blocks.len() == 8);
     let mut seen = vec![0; 100];
@@ -212,14 +212,14 @@ fn scaled_clouds_use_windows_and_blocks() {
 fn only_clouds_beyond_a_batch_are_thinned() {
     let mut config = tiny();
     // Cubes that hold several of the points.
-    config.batch = Batch { thin: 2.0, points: 400, centres: 100 };
+    config.batch = Batch { thin: Some(2.0), points: 400, centres: 100 };
     assert_eq!(Trainer::new(&ball(400), &config).unwrap().setup.cloud.len(), 400);
     let points = ball(401);
     let trainer = Trainer::new(&points, &config).unwrap();
     let kept = trainer.setup.cloud.len();
     assert!((20..300).contains(&kept), "{kept}");
     // Not to almost nothing.
-    config.batch.thin = 100.0;
+    config.batch.thin = Some(100.0);
     assert_eq!(Trainer::new(&points, &config).unwrap().setup.cloud.len(), 401);
     let result = trainer.finish();
     assert_eq!((result.cloud().len(), result.surface_points().len()), (401, 4 * kept));

@@ -93,7 +93,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     // The result has the points as they were given.
     assert_eq!(trainer.finish().cloud(), crate::geometry::widened(&points));
 
-    let left = Config { denoise: false, reference_area: 0.0, ..config };
+    let left = Config { denoise: false, reference_area: None, ..config };
     let mut trainer = Trainer::new(&points, &left).unwrap();
     assert_eq!((trainer.noise_removed(), &trainer.setup.cloud), (0.0, &given));
     while !trainer.is_done() {

@@ -27,13 +27,13 @@ fn small(preset: Preset) -> Config {
     (config.start.steps, config.start.dipole_radius) = (like.start.steps, like.start.dipole_radius);
     config.stages =
         vec![Stage { resolution: 8, steps: STEPS / 2 }, Stage { resolution: 12, steps: STEPS / 2 }];
-    config.surface_samples = config.surface_samples.min(200);
+    config.surface_samples = config.surface_samples.map(|samples| samples.min(200));
     if preset == Preset::Default {
         // So that a decay that is ignored shows, and S changes often.
-        (config.weights.deform_decay, config.bsp_every) = (0.04, 2);
+        (config.weights.deform_decay, config.bsp_every) = (0.04, Some(2));
     }
     // More points than a step sees, in two blocks.
-    config.batch = Batch { thin: 0.0, points: 32, centres: 20 };
+    config.batch = Batch { thin: None, points: 32, centres: 20 };
     // Full rates from the start, so that little rounding decides on much.
     (config.field_rate.warmup, config.bsp_rate.warmup) = (2, 2);
     config
@@ -126,7 +126,7 @@ fn losses_of_default_with_a_clipped_gradient_are_as_stored() {
         0.59046173,
         0.003330113,
     ];
-    check(&Config { clip: 0.1, ..small(Preset::Default) }, stored);
+    check(&Config { clip: Some(0.1), ..small(Preset::Default) }, stored);
 }
 
 #[test]

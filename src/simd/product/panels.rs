@@ -5,7 +5,7 @@ use crate::simd::{InstructionSet, instruction_set};
 use rayon::prelude::*;
 
 /// Values of a right side below which its panels are filled on the calling thread.
-const COPY_MIN: usize = 1 << 17;
+const MIN_PARALLEL_COPY: usize = 1 << 17;
 /// Values in a cache line: panels begin at one.
 const LINE: usize = 16;
 
@@ -77,7 +77,7 @@ impl Panels {
             }
         };
         let deep = (DEPTH * padded).max(1);
-        if len < COPY_MIN {
+        if len < MIN_PARALLEL_COPY {
             data.chunks_mut(deep).enumerate().for_each(fill);
         } else {
             data.par_chunks_mut(deep).enumerate().for_each(fill);
