@@ -6,7 +6,7 @@ use super::phases::{StepReport, Workspace, pretrain, start, train};
 use super::result::{FoundShape, Shape};
 use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
-use super::{Config, Phase, Reconstruction};
+use super::{Config, Hints, Phase, Reconstruction};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::Position;
 
@@ -38,7 +38,19 @@ impl Trainer {
     /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
     /// no first shape is found.
     pub fn new<P: Position>(points: &[P], config: &Config) -> Result<Self, Error> {
-        let prepared = prepare(points, config)?;
+        Self::with_hints(points, config, &Hints::default())
+    }
+
+    /// The same for a cloud of which more is known than the points, such as normals.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); [`ErrorKind::Config`] also for normals with `start.shape = sphere`.
+    ///
+    /// # Panics
+    /// If there are normals, but not one a point.
+    #[track_caller]
+    pub fn with_hints<P: Position>(points: &[P], config: &Config, hints: &Hints<'_>) -> Result<Self, Error> {
+        let prepared = prepare(points, config, hints)?;
         rayon::scope(|_| Self::from_prepared(prepared))
     }
 
@@ -171,7 +183,7 @@ impl Trainer {
     /// How far the points were moved to take their noise off: the root of the mean square, in the unit of the input; 0
     /// if they were left alone (see [`Config::denoise`]).
     pub fn noise_removed(&self) -> f64 {
-        self.setup.noise_removed() * self.setup.normalizer.scale()
+        self.setup.noise_removed() * self.setup.frame.scale()
     }
 
     /// How often the run went back to a good state so far.
@@ -202,6 +214,7 @@ impl Trainer {
     fn finish_in_pool(self) -> Reconstruction {
         let Trainer { setup, state, .. } = self;
         let parameterized = coded::parameterized(&setup, &state);
+        let turned = setup.shape.as_ref().is_some_and(|shape| shape.turned);
         let found = match setup.shape {
             Some(shape) if setup.config.stages.is_empty() => FoundShape::new(shape.mesh).ok(),
             _ => None,
@@ -212,10 +225,11 @@ impl Trainer {
             coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),
             surface: parameterized.map_or_else(Vec::new, |p| p.surface),
             config: setup.config,
-            normalizer: setup.normalizer,
+            frame: setup.frame,
             cloud: setup.input,
             shape,
             finish,
+            turned,
             notices: Vec::new(),
         }
     }
