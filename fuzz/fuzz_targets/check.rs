@@ -11,6 +11,8 @@ pub fn cloud(bytes: &[u8], format: Option<Format>) {
     cloud_with(bytes, &ReadOptions { format, ..Default::default() });
     // What was doubted is read, too.
     cloud_with(bytes, &ReadOptions { format, assume: true, ..Default::default() });
+    // And what stands beside the coordinates.
+    cloud_with(bytes, &ReadOptions { format, attributes: true, ..Default::default() });
 }
 
 /// Reads the bytes as a cloud, as the options say.
@@ -21,6 +23,9 @@ pub fn cloud_with(bytes: &[u8], options: &ReadOptions) {
     };
     assert!(!cloud.points.is_empty() && cloud.warnings.iter().all(|w| !w.contains('\n')));
     assert!(cloud.points.as_flattened().iter().all(|x| x.is_finite()));
+    assert!(cloud.attributes.iter().all(|a| a.values.len() == cloud.points.len()));
+    assert!(cloud.normals.iter().all(|n| n.len() == cloud.points.len()));
+    assert!(cloud.viewpoints.as_flattened().iter().all(|x| x.is_finite()));
     if let Err(e) = geometry::clean_cloud(&cloud.points) {
         check_error(&e);
     }
