@@ -138,7 +138,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     check_memory(&config, args.resolution, common)?;
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
-    let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
+    let interrupt = Interrupt::install("giving up the step and writing a checkpoint")?;
     let input = if args.carry {
         args.reading.with_attributes(&args.input)?
     } else {

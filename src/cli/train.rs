@@ -80,7 +80,8 @@ pub fn train(
     let mut last = None;
     let mut timed_out = false;
     while !trainer.is_done() {
-        let report = trainer.step()?;
+        // A step of a large cloud or a fine grid takes long: it is given up, and the checkpoint is of the one before.
+        let Some(report) = trainer.step_unless(&|| interrupt.is_some_and(Interrupt::asked))? else { break };
         // Not every step trains the parameterization; showing those without its loss would flicker.
         if report.terms.para > 0.0
             || last.is_none_or(|l: StepReport| l.terms.para == 0.0 || l.phase != report.phase)

@@ -2,7 +2,7 @@
 
 use super::band::ActiveBand;
 use super::coded::{self, Coded};
-use super::phases::{StepReport, Workspace, pretrain, start, train};
+use super::phases::{StepReport, Stop, Workspace, pretrain, start, train};
 use super::result::{FoundShape, Shape};
 use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
@@ -72,18 +72,40 @@ impl Trainer {
     /// If all steps are done.
     #[track_caller]
     pub fn step(&mut self) -> Result<StepReport, Error> {
+        let done = self.step_unless(&|| false)?;
+        Ok(done.expect("nobody stops it"))
+    }
+
+    /// The same, unless `stop` says otherwise between two parts of the step, of which a large cloud or a fine grid has
+    /// long ones: the search for the surface, grid cube by grid cube, the field's values, the loss, its gradients. Then
+    /// there is no report, and nothing has changed: the run can go on or be saved as if the step had not begun.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    ///
+    /// # Panics
+    /// If all steps are done.
+    #[track_caller]
+    pub fn step_unless(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> Result<Option<StepReport>, Error> {
         assert!(!self.is_done(), "step: all {} steps are done", self.total_steps());
         // On a thread of the pool from the first to the last line: from outside, each parallel loop would wait for a
         // thread to wake up (an eighth of a run with one thread).
-        rayon::scope(|_| self.step_in_pool())
+        rayon::scope(|_| self.step_in_pool(stop))
     }
 
-    fn step_in_pool(&mut self) -> Result<StepReport, Error> {
+    fn step_in_pool(&mut self, stop: Stop<'_>) -> Result<Option<StepReport>, Error> {
         loop {
-            let error = match self.try_step() {
-                Ok(report) => return Ok(report),
+            let bridges = self.state.bridges.clone();
+            let error = match self.try_step(stop) {
+                Ok(report) => return Ok(Some(report)),
                 Err(error) => error,
             };
+            if error.kind() == ErrorKind::Cancelled {
+                // They were looked for at the beginning of the step.
+                self.state.bridges = bridges;
+                self.work.clear();
+                return Ok(None);
+            }
             let (phase, step) = self.setup.config.phase_at(self.state.step);
             // Without a surface at the beginning there is none to go back to either.
             let lost = error.kind() == ErrorKind::NoSurface && (phase, step) == (Phase::Train, 0);
@@ -115,7 +137,7 @@ impl Trainer {
 
     /// One step of the present phase, from what it finds to the changed state. On an error the parameters are as before
     /// it.
-    fn try_step(&mut self) -> Result<StepReport, Error> {
+    fn try_step(&mut self, stop: Stop<'_>) -> Result<StepReport, Error> {
         let (phase, step) = self.setup.config.phase_at(self.state.step);
         let rate_factor = 0.5f32.powi(self.recoveries as i32);
         let Trainer { setup, state, band, work, .. } = self;
@@ -129,8 +151,9 @@ impl Trainer {
                     train::begin(setup, state)?;
                 }
                 look_for_gaps(setup, state, step)?;
-                let (band, searched) = current_band(setup, state, step, band)?;
-                train::step(&train::TrainStep::new(setup, state, band, step), work, searched, rate_factor)?
+                let (band, searched) = current_band(setup, state, step, band, stop)?;
+                let at = train::TrainStep::new(setup, state, band, step);
+                train::step(&at, work, searched, rate_factor, stop)?
             }
         };
         if update.keep {
@@ -251,18 +274,24 @@ fn current_band<'a>(
     state: &State,
     step: usize,
     band: &'a mut Option<ActiveBand>,
+    stop: Stop<'_>,
 ) -> Result<(&'a ActiveBand, bool), Error> {
     let resolution = setup.resolution_at(step);
     let current = band.take().filter(|b| b.resolution == resolution);
     let due = step.is_multiple_of(setup.config.band.refresh);
     let (current, searched) = match current {
         Some(current) if !due => (current, false),
-        _ => (find_band(setup, state, resolution)?, true),
+        _ => (find_band(setup, state, resolution, stop)?, true),
     };
     Ok((band.insert(current), searched))
 }
 
 /// The active part of a grid by the field of a state.
-pub(super) fn find_band(setup: &Setup, state: &State, resolution: usize) -> Result<ActiveBand, Error> {
-    ActiveBand::find(&state.field, &setup.cloud, resolution, setup.config.band.rings)
+pub(super) fn find_band(
+    setup: &Setup,
+    state: &State,
+    resolution: usize,
+    stop: Stop<'_>,
+) -> Result<ActiveBand, Error> {
+    ActiveBand::find(&state.field, &setup.cloud, resolution, setup.config.band.rings, stop)
 }

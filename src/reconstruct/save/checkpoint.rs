@@ -119,7 +119,7 @@ impl Trainer {
             if let (true, (Phase::Train, step)) = (now.step > good.step, trainer.config().phase_at(good.step))
             {
                 let resolution = trainer.setup.resolution_at(step);
-                trainer.band = Some(find_band(&trainer.setup, &good, resolution)?);
+                trainer.band = Some(find_band(&trainer.setup, &good, resolution, &|| false)?);
             }
             (trainer.state, trainer.good) = (now, good);
             Ok(trainer)
