@@ -248,7 +248,7 @@ fn a_trimmed_mesh_is_open_where_no_point_was() {
     fails(whole(&mesh).arg("--trim=0"), 2, &["--trim", "above 0"]);
     // What is kept says how to go on with the same options.
     let output = run(whole(&dir.path("none.ply")).arg("--trim=1e-6"), 1);
-    assert!(err(&output).contains("none.ply --trim=0.000001`"), "{}", err(&output));
+    assert!(err(&output).contains("none.ply --resolution 32 --trim=0.000001`"), "{}", err(&output));
     assert!(!dir.path("none.ply").exists() && dir.path("none.ply.field").exists());
 }
 

@@ -262,3 +262,93 @@ fn strays_are_left_out_unless_they_are_to_stay() {
     assert_eq!(info(&cloud, &[]).at("strays").as_array().unwrap().len(), 1);
     assert_eq!(info(&cloud, &["--columns", "3,2,1"]).at("strays")[0][2].number(), 3.5);
 }
+
+/// A ball with normals that point inward, as the walls of a room do, and viewpoints that files tell.
+#[test]
+fn normals_and_an_origin_decide_what_is_inside() {
+    let dir = Dir::new("sides");
+    let (points, normals) = Shape::Sphere { radius: 1.0 }.sample(90, 2);
+    let rows = |sign: f32| -> String {
+        let row = |(p, n): (&[f32; 3], &[f32; 3])| {
+            let n = n.map(|x| sign * x);
+            format!("{} {} {} {} {} {}\n", p[0], p[1], p[2], n[0], n[1], n[2])
+        };
+        points.iter().zip(&normals).map(row).collect()
+    };
+    let head = |viewpoint: &str| {
+        format!(
+            "VERSION 0.7\nFIELDS x y z normal_x normal_y normal_z\nSIZE 4 4 4 4 4 4\nTYPE F F F F F F\n\
+             COUNT 1 1 1 1 1 1\nWIDTH 90\nHEIGHT 1\nVIEWPOINT {viewpoint} 1 0 0 0\nPOINTS 90\nDATA ascii\n"
+        )
+    };
+    let room = dir.text("room.pcd", head("0.1 0 -0.2") + &rows(-1.0));
+    let mesh = dir.path("mesh.ply");
+    let start = |args: &[&str]| {
+        let mut command = program();
+        command.arg("reconstruct").arg(&room).arg("-o").arg(&mesh).args(["--preset", "start", "--json"]);
+        command.args(["--resolution", "20"]).args(args);
+        let output = run(&mut command, 0);
+        let volume = read_mesh(&mesh).unwrap().topology().volume;
+        (parse(&out(&output)), volume, err(&output))
+    };
+    let (json, volume, told) = start(&[]);
+    assert!(volume > 3.0 && json.at("sides").text() == "points" && !json.at("turned").truth(), "{json}");
+    assert!(told.contains("--origin 0.1,0,-0.2") && told.contains("--normals use"), "{told}");
+    let (json, volume, told) = start(&["--normals", "use"]);
+    assert!(volume < -3.0 && json.at("sides").text() == "normals" && json.at("turned").truth(), "{json}");
+    assert!(told.contains("seen from within"), "{told}");
+    let (json, volume, _) = start(&["--origin", "-0.1,0,-0.2"]);
+    assert!(volume < -3.0 && json.at("sides").text() == "origin", "{json}");
+    let (_, volume, _) = start(&["--normals", "use", "--origin", "0,0,0.3"]);
+    assert!(volume < -3.0);
+    run(program().args(["reconstruct", "a.ply", "-o", "b.ply", "--origin", "1,2"]), 2);
+    // Fields that start as a sphere have no use for them.
+    fails(tiny(&room, &mesh).args(["--normals", "use"]), 2, &["start.shape"]);
+    // A run goes on with the sides that it was started with only.
+    let saved = dir.path("run.checkpoint");
+    let steps = |from: &[&str]| {
+        let mut command = tiny(&room, &mesh);
+        command.args(["--set", "start.shape=gauss", "--set", "start.steps=5"]).args(from).arg(&saved);
+        command
+    };
+    run(&mut steps(&["--normals", "use", "--checkpoint"]), 0);
+    let first = fs::read(&mesh).unwrap();
+    run(&mut steps(&["--normals", "use", "--resume"]), 0);
+    assert!(first == fs::read(&mesh).unwrap());
+    fails(&mut steps(&["--resume"]), 3, &["run.checkpoint", "other sides", "give them again"]);
+    fails(&mut steps(&["--normals", "use", "--origin", "0,0,9", "--resume"]), 3, &["another origin"]);
+}
+
+/// What stands beside the coordinates is listed, and carried to the mesh, from scans and arrays, too.
+#[test]
+fn numbers_beside_the_coordinates_are_listed_and_carried() {
+    let dir = Dir::new("beside");
+    let points = torus();
+    let rows: String =
+        points.iter().map(|p| format!("{} {} {} {} 9 8 7\n", p[0], p[1], p[2], 0.5 + 0.1 * p[2])).collect();
+    let pose = "1 2 3\n1 0 0\n0 1 0\n0 0 1\n1 0 0 0\n0 1 0 0\n0 0 1 0\n0 0 0 1\n";
+    let scan = dir.text("scan.ptx", format!("60\n1\n{pose}{rows}"));
+    let json = info(&scan, &[]);
+    let names: Vec<&str> =
+        json.at("attributes").as_array().unwrap().iter().map(|a| a.at("name").text()).collect();
+    assert_eq!(names, ["intensity", "red", "green", "blue"]);
+    let red = &json.at("attributes")[1];
+    assert!(red.at("type").text() == "u8" && red.at("min").number() == 9.0 && red.at("max").number() == 9.0);
+    let text = out(&run(program().arg("info").arg(&scan), 0));
+    assert!(text.contains("attribute   green (u8) from 8 to 8"), "{text}");
+    let values: String = points.iter().map(|p| format!("{} ", 100.0 * p[2])).collect();
+    let places: String = points.iter().map(|p| format!("{} {} {}\n", p[0], p[1], p[2])).collect();
+    let vtk = dir.text(
+        "points.vtk",
+        format!(
+            "# vtk DataFile Version 3.0\nmade by hand\nASCII\nDATASET POLYDATA\nPOINTS 60 float\n{places}\
+             POINT_DATA 60\nSCALARS heat float\nLOOKUP_TABLE default\n{values}\n"
+        ),
+    );
+    let mesh = dir.path("mesh.ply");
+    for (file, name) in [(&scan, "float intensity"), (&vtk, "float heat")] {
+        run(tiny(file, &mesh).args(["--carry", "--ascii"]), 0);
+        let text = fs::read_to_string(&mesh).unwrap();
+        assert!(text.contains(&format!("property {name}\n")), "{}", &text[..300]);
+    }
+}

@@ -14,6 +14,10 @@ pub fn cloud(bytes: &[u8], format: Option<Format>) {
     // What was doubted is read, too.
     options.assume = true;
     cloud_with(bytes, &options);
+    // And what stands beside the coordinates.
+    options.assume = false;
+    options.attributes = true;
+    cloud_with(bytes, &options);
 }
 
 /// Reads the bytes as a cloud, as the options say.
@@ -24,6 +28,9 @@ pub fn cloud_with(bytes: &[u8], options: &ReadOptions) {
     };
     assert!(!cloud.points.is_empty() && cloud.warnings.iter().all(|w| !w.contains('\n')));
     assert!(cloud.points.as_flattened().iter().all(|x| x.is_finite()));
+    assert!(cloud.attributes.iter().all(|a| a.values.len() == cloud.points.len()));
+    assert!(cloud.normals.iter().all(|n| n.len() == cloud.points.len()));
+    assert!(cloud.viewpoints.as_flattened().iter().all(|x| x.is_finite()));
     if let Err(e) = geometry::clean_cloud(&cloud.points) {
         check_error(&e);
     }

@@ -28,7 +28,10 @@ impl Carried {
         let warning = if !left.is_empty() {
             Some(format!("{format} files hold colours only: not carried are {}; write ply", names(&left)))
         } else if attributes.is_empty() {
-            Some("nothing is carried: the points have no named numbers beside their coordinates".into())
+            Some(
+                "nothing is carried: the points have no numbers beside their coordinates that could be"
+                    .into(),
+            )
         } else {
             None
         };

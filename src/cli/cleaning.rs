@@ -89,7 +89,14 @@ pub fn doubts(clean: &CleanCloud) -> Vec<String> {
                 .into(),
         );
     }
-    if seen.parts.len() > 1 {
+    if let Some(uneven) = seen.uneven {
+        let factors = uneven.anisotropy.map(shortest).join(",");
+        told.push(format!(
+            "the points lie on slices or lines {:.0} times as far apart as the points on them: --anisotropy {factors} \
+             may join what comes out in parts or with holes",
+            uneven.ratio
+        ));
+    } else if seen.parts.len() > 1 {
         let sizes: Vec<String> = seen.parts.iter().map(usize::to_string).collect();
         told.push(format!(
             "the points lie in {} parts far apart, of {} points: if they are not one surface, reconstruct each alone",
@@ -131,6 +138,12 @@ mod tests {
         assert!(of(&sphere[..12])[0].contains("12 points are few"));
         let flat: Vec<[f32; 3]> = sphere.iter().map(|p| [p[0], p[1], 1e-5 * p[2]]).collect();
         assert!(of(&flat)[0].contains("nearly in one plane"));
+        let rings = |i: usize| {
+            let angle = std::f32::consts::TAU * (i % 60) as f32 / 60.0;
+            [angle.cos(), angle.sin(), 2.5 * (i / 60) as f32]
+        };
+        let told = of(&(0..300).map(rings).collect::<Vec<_>>());
+        assert!(told.iter().any(|t| t.contains("--anisotropy 1,1,0.2")), "{told:?}");
         let apart: Vec<[f32; 3]> =
             sphere.iter().enumerate().map(|(i, p)| [p[0] + 20.0 * (i % 2) as f32, p[1], p[2]]).collect();
         let told = of(&apart);

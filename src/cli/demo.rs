@@ -8,6 +8,7 @@ use bijective_sdf::geometry::{
     Bounds, NarrowBandOptions, Shape, TetGrid, TriangleMesh, about, extract, widened,
 };
 use bijective_sdf::io::{write_cloud, write_mesh};
+use bijective_sdf::reconstruct::Hints;
 use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
@@ -85,7 +86,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     common.note(&format!("{} points on {name}, preset {preset}, seed {}", points.len(), config.seed));
 
     let plan = TrainingPlan { quiet: common.quiet, ..TrainingPlan::default() };
-    let trained = train(&widened(&points), &config, &plan, None)?;
+    let trained = train(&widened(&points), &config, &Hints::default(), &plan, None)?;
     let mesh = trained.field.mesh(args.resolution)?;
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;

@@ -4,7 +4,9 @@ use std::collections::HashSet;
 use std::path::PathBuf;
 
 use bijective_sdf::evaluate::percentile;
-use bijective_sdf::geometry::{Bounds, KdTree, Normalizer, Position, TriangleMesh, clean_cloud, shortest};
+use bijective_sdf::geometry::{
+    Attribute, Bounds, KdTree, Normalizer, Position, TriangleMesh, clean_cloud, shortest,
+};
 use bijective_sdf::io::PointCloud;
 use bijective_sdf::reconstruct::{Saved, SavedKind};
 use clap::Args;
@@ -34,7 +36,7 @@ pub struct InfoArgs {
 
 /// Describes a file.
 pub fn run(args: &InfoArgs, common: Common) -> Result<(), Failure> {
-    let input = args.reading.input(&args.file)?;
+    let input = args.reading.with_attributes(&args.file)?;
     if Saved::is_saved(input.bytes()) {
         let saved = Saved::from_bytes(input.bytes()).map_err(|e| Failure::Input(e.in_file(input.path())))?;
         return describe_saved(&saved, args, common);
@@ -129,6 +131,8 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
             .raw("strays", list(stray.iter().map(|&i| corner(distinct[i as usize]))))
             .raw("warnings", list(cloud.warnings.iter().chain(&doubts).map(|w| quoted(w))))
             .raw("notices", list(cloud.notices.iter().map(|n| quoted(n))))
+            .flag("normals", cloud.normals.is_some())
+            .raw("attributes", list(cloud.attributes.iter().map(attribute_json)))
             .flag("usable", problem.is_none())
             .raw("problem", problem.as_deref().map_or("null".into(), quoted))
             .finish();
@@ -150,6 +154,10 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
         if let Some([least, middle, most]) = spacing {
             text += &format!("spacing     {middle:.4e} median, {least:.4e} least, {most:.4e} most\n");
         }
+        if cloud.normals.is_some() {
+            text += "normals     one a point\n";
+        }
+        cloud.attributes.iter().for_each(|a| text += &attribute_text(a));
         text += &match &problem {
             None => "usable      yes\n".to_string(),
             Some(problem) => format!("usable      no: {problem}\n"),
@@ -160,6 +168,28 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
         return Err(Failure::Gate("the file is a point cloud, not a closed mesh".into()));
     }
     Ok(())
+}
+
+/// A line about what a file has beside the coordinates, as `--carry` gives it to a mesh.
+fn attribute_text(attribute: &Attribute) -> String {
+    let range = attribute.range().map_or("no values".to_string(), |[low, high]| {
+        format!("from {} to {}", shortest(low), shortest(high))
+    });
+    let missing = match attribute.values.iter().filter(|x| x.is_nan()).count() {
+        0 => String::new(),
+        n => format!(", {n} without a value"),
+    };
+    format!("attribute   {} ({}) {range}{missing}\n", attribute.name, attribute.number.name())
+}
+
+fn attribute_json(attribute: &Attribute) -> String {
+    let range = attribute.range();
+    Object::new()
+        .text("name", &attribute.name)
+        .text("type", attribute.number.name())
+        .number("min", range.map(|r| r[0]))
+        .number("max", range.map(|r| r[1]))
+        .finish()
 }
 
 /// Least, median and largest distance to the nearest other point.

@@ -32,6 +32,7 @@ mod sample;
 mod sdf;
 mod settings;
 mod shell;
+mod sides;
 mod suite;
 mod train;
 mod trim;

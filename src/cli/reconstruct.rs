@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use bijective_sdf::bsp::Parameterization;
 use bijective_sdf::geometry::{Bounds, Topology, clean_cloud};
 use bijective_sdf::io::Format;
-use bijective_sdf::reconstruct::{Config, Preset, Reconstruction, Saved, SavedKind};
+use bijective_sdf::reconstruct::{Config, Hints, Preset, Reconstruction, Saved, SavedKind};
 use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 
@@ -29,6 +29,7 @@ use super::preview::{View, ViewArgs, check_picture, render};
 use super::reading::ReadArgs;
 use super::report::{gate, gate_open, passes_gate, topology_json};
 use super::settings::Settings;
+use super::sides::{SidesArgs, three_numbers};
 use super::train::{Trained, TrainingPlan, train};
 use super::trim::TrimArgs;
 
@@ -52,6 +53,12 @@ pub struct ReconstructArgs {
     /// Points that belong to no surface, far from all others and off the surface that these suggest
     #[arg(long, value_enum, default_value_t)]
     outliers: Outliers,
+    #[command(flatten)]
+    sides: SidesArgs,
+    /// What the axes are multiplied by for the work, for points that lie closer along one direction than along others:
+    /// `1,1,0.2` for slices across z that are far apart. The mesh and the field are in the frame of the input
+    #[arg(long, value_name = "X,Y,Z", value_parser = three_numbers, allow_hyphen_values = true)]
+    anisotropy: Option<[f64; 3]>,
     /// Format of the mesh [default: by extension; ply for `-`]
     #[arg(long, value_parser = format_parser())]
     output_format: Option<Format>,
@@ -122,7 +129,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     args.fineness.check(&config, common)?;
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
-    let interrupt = Interrupt::install("finishing the step and writing a checkpoint")?;
+    let interrupt = Interrupt::install("giving up the step and writing a checkpoint")?;
     let input = if args.carry {
         args.reading.with_attributes(&args.input)?
     } else {
@@ -143,12 +150,13 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let doubts: Vec<String> = told.into_iter().chain(doubts(&rest)).collect();
     common.tell(&doubts, &[]);
     warnings.extend(doubts);
+    let kept = without(&clean.given, left_out);
+    let sides = args.sides.of(&cloud, &points, &kept);
+    common.tell(&sides.warnings, &sides.notes);
+    warnings.extend(sides.warnings);
     let (notices, rows_left_out) = (cloud.notices.clone(), cloud.left_out);
-    let (carried, left_behind) = if args.carry {
-        Carried::new(cloud, &without(&clean.given, left_out), &places.mesh, common)
-    } else {
-        Default::default()
-    };
+    let (carried, left_behind) =
+        if args.carry { Carried::new(cloud, &kept, &places.mesh, common) } else { Default::default() };
     warnings.extend(left_behind);
     let offset = Bounds::of(&points)?.offset();
     if offset != [0.0; 3] {
@@ -159,7 +167,10 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     }
     common.note(&format!("{} points, preset {preset}, seed {}", points.len(), config.seed));
 
-    let mut trained = train(&points, &config, &plan(args, common), Some(&interrupt))?;
+    let mut trained = {
+        let hints = Hints { normals: sides.normals.as_deref(), anisotropy: args.anisotropy };
+        train(&points, &config, &hints, &plan(args, common), Some(&interrupt))?
+    };
     if trained.timed_out {
         common.note(&format!(
             "the time limit ended the run after step {} of {}{}; the result depends on the speed of the machine",
@@ -213,6 +224,12 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     }
 
     common.note(&topology.to_string());
+    if trained.field.is_turned() {
+        common.note(
+            "the points were seen from within, as those of a room: the free space is inside of the mesh, where distances \
+             are positive and which its faces look into",
+        );
+    }
     trained.field.coverage().iter().flat_map(|c| coverage_text(c)).for_each(|line| common.note(&line));
     if args.json {
         let json = Object::new()
@@ -229,6 +246,9 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             )
             .raw("warnings", list(warnings.iter().map(|w| quoted(w))))
             .raw("notices", list(notices.iter().map(|n| quoted(n))))
+            .text("sides", sides.source)
+            .raw("anisotropy", args.anisotropy.map_or("null".into(), |a| list(a.map(|x| number(Some(x))))))
+            .flag("turned", trained.field.is_turned())
             .text("preset", preset)
             .raw("seed", config.seed)
             .raw("resolution", fineness.json());

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::time::{Duration, Instant};
 
 use bijective_sdf::Error;
-use bijective_sdf::reconstruct::{Coded, Config, Reconstruction, StepReport, Trainer};
+use bijective_sdf::reconstruct::{Coded, Config, Hints, Reconstruction, StepReport, Trainer};
 
 use super::failure::Failure;
 use super::interrupt::Interrupt;
@@ -52,13 +52,14 @@ pub struct Trained {
 pub fn train(
     points: &[[f64; 3]],
     config: &Config,
+    hints: &Hints<'_>,
     plan: &TrainingPlan,
     interrupt: Option<&Interrupt>,
 ) -> Result<Trained, Failure> {
     let began = Instant::now();
     let mut trainer = match &plan.resume {
-        Some(path) => Trainer::resume(path, points, config).map_err(Failure::Input)?,
-        None => Trainer::new(points, config)?,
+        Some(path) => Trainer::resume_with_hints(path, points, config, hints).map_err(Failure::Input)?,
+        None => Trainer::with_hints(points, config, hints)?,
     };
     let mut progress = Progress::new(&trainer, plan.quiet);
     if let Some(path) = &plan.resume {
@@ -79,7 +80,8 @@ pub fn train(
     let mut last = None;
     let mut timed_out = false;
     while !trainer.is_done() {
-        let report = trainer.step()?;
+        // A step of a large cloud or a fine grid takes long: it is given up, and the checkpoint is of the one before.
+        let Some(report) = trainer.step_unless(&|| interrupt.is_some_and(Interrupt::asked))? else { break };
         // Not every step trains the parameterization; showing those without its loss would flicker.
         if report.terms.para > 0.0
             || last.is_none_or(|l: StepReport| l.terms.para == 0.0 || l.phase != report.phase)

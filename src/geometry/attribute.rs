@@ -21,6 +21,22 @@ pub enum Number {
     F64,
 }
 
+impl Number {
+    /// A short name, such as `u16` or `f32`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Number::I8 => "i8",
+            Number::U8 => "u8",
+            Number::I16 => "i16",
+            Number::U16 => "u16",
+            Number::I32 => "i32",
+            Number::U32 => "u32",
+            Number::F32 => "f32",
+            Number::F64 => "f64",
+        }
+    }
+}
+
 /// One number a point or vertex, with a name.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Attribute {
@@ -39,6 +55,14 @@ impl Attribute {
     /// Whether this is a part of a colour: `red`, `green` or `blue`.
     pub fn is_colour(&self) -> bool {
         COLOUR.contains(&self.name.as_str())
+    }
+
+    /// The least and the largest of its values that are numbers; `None` if none is.
+    pub fn range(&self) -> Option<[f64; 2]> {
+        let numbers = self.values.iter().filter(|x| !x.is_nan());
+        numbers.fold(None, |range: Option<[f64; 2]>, &x| {
+            Some(range.map_or([x, x], |[low, high]| [low.min(x), high.max(x)]))
+        })
     }
 
     /// The attribute of other places: at each the value of the point of this number.
@@ -93,6 +117,14 @@ mod tests {
         assert_eq!(of(Number::U16, [65_535.0, 13_107.0, 0.0]), [1.0, 0.2, 0.0]);
         assert_eq!(of(Number::F32, [0.25, 0.5, 1.0]), [0.25, 0.5, 1.0]);
         assert_eq!(of(Number::F32, [51.0, -3.0, f64::NAN]), [0.2, 0.0, 0.0]);
+    }
+
+    #[test]
+    fn the_range_is_that_of_the_numbers() {
+        let of = |values: &[f64]| attribute("a", Number::F32, values).range();
+        assert_eq!(of(&[2.0, f64::NAN, -1.5, 0.0]), Some([-1.5, 2.0]));
+        assert_eq!((of(&[]), of(&[f64::NAN])), (None, None));
+        assert_eq!(Number::U16.name(), "u16");
     }
 
     #[test]

@@ -25,29 +25,63 @@ const MERGED: f64 = 0.8;
 /// Cells along the longest side of the cloud at most, so that their numbers fit 20 bits.
 const MAX_CELLS: f64 = (1 << 19) as f64;
 
+/// A cloud of lines made even.
+#[derive(Clone, Debug)]
+pub(crate) struct EvenCloud {
+    /// Means of groups of points, m x 3.
+    pub points: Vec<[f32; 3]>,
+    /// The group of each point of the cloud, n.
+    group_of: Vec<u32>,
+}
+
+impl EvenCloud {
+    /// The mean direction of each group (m x 3), from those of all points (n x 3); of unit length, or that of one of its
+    /// points where they cancel.
+    ///
+    /// # Panics
+    /// If there is not one direction a point of the cloud.
+    #[track_caller]
+    pub fn directions(&self, of_points: &[[f32; 3]]) -> Vec<[f32; 3]> {
+        assert!(of_points.len() == self.group_of.len(), "{} of {}", of_points.len(), self.group_of.len());
+        let mut sums = vec![[0.0f64; 3]; self.points.len()];
+        let mut any = vec![[0.0f32; 3]; self.points.len()];
+        for (direction, &group) in of_points.iter().zip(&self.group_of) {
+            any[group as usize] = *direction;
+            sums[group as usize].iter_mut().zip(direction).for_each(|(sum, x)| *sum += f64::from(*x));
+        }
+        let unit = |(sum, any): (&[f64; 3], &[f32; 3])| {
+            let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
+            if length > 1e-6 { sum.map(|x| (x / length) as f32) } else { *any }
+        };
+        sums.iter().zip(&any).map(unit).collect()
+    }
+}
+
 /// The points of a cloud of lines (n x 3) as means over cells of 0.8 times the side at which points fill the cells
 /// around them as a surface does; `None` if fewer than three tenths of the points are on lines that lie far from each
 /// other.
-pub(crate) fn evened(points: &[[f32; 3]]) -> Option<Vec<[f32; 3]>> {
+pub(crate) fn evened(points: &[[f32; 3]]) -> Option<EvenCloud> {
     if points.len() <= NEIGHBOURS {
         return None;
     }
     let filled = lined_cells(points, &disc_spacing(points))?;
-    // Cells of each size on their own, points that stay first, so that the result is in a fixed order.
-    let alone = (0..points.len()).filter(|&i| filled[i].is_none());
-    let mut out: Vec<[f32; 3]> = alone.map(|i| points[i]).collect();
-    let number = |(i, step): (usize, &Option<i32>)| {
-        step.map(|step| (step, key(cell(points[i], MERGED * side(step))), i as u32))
+    // Points that stay on their own first, then cells of each size, so that the result is in a fixed order.
+    let number = |(i, step): (usize, &Option<i32>)| match step {
+        Some(step) => (*step, key(cell(points[i], MERGED * side(*step))), i as u32),
+        None => (i32::MIN, i as u64, i as u32),
     };
-    let mut merged: Vec<(i32, u64, u32)> = filled.iter().enumerate().filter_map(number).collect();
-    merged.sort_unstable();
-    out.extend(merged.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).map(|group| {
-        std::array::from_fn(|k| {
-            let sum: f64 = group.iter().map(|&(_, _, i)| f64::from(points[i as usize][k])).sum();
-            (sum / group.len() as f64) as f32
-        })
-    }));
-    Some(out)
+    let mut numbers: Vec<(i32, u64, u32)> = filled.iter().enumerate().map(number).collect();
+    numbers.sort_unstable();
+    let mut group_of = vec![0; points.len()];
+    let mean = |(group, of): (usize, &[(i32, u64, u32)])| {
+        let sum = of.iter().fold([0.0; 3], |sum: [f64; 3], &(_, _, i)| {
+            group_of[i as usize] = group as u32;
+            std::array::from_fn(|k| sum[k] + f64::from(points[i as usize][k]))
+        });
+        sum.map(|x| (x / of.len() as f64) as f32)
+    };
+    let means = numbers.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).enumerate().map(mean).collect();
+    Some(EvenCloud { points: means, group_of })
 }
 
 /// The spacing at each of n points as that of a surface: that of [`disc_spacing`]; on lines that lie far from each
@@ -155,7 +189,8 @@ mod tests {
     #[test]
     fn rings_become_even_and_stay_where_they_are() {
         let rings = rings();
-        let even = evened(&rings).unwrap();
+        let cloud = evened(&rings).unwrap();
+        let even = cloud.points.clone();
         assert!(even.len() < rings.len() / 4, "{} of {}", even.len(), rings.len());
         // No place of the rings loses its points, and what is new is among them.
         let far = |from: &[[f32; 3]], to: &[[f32; 3]]| {
@@ -169,7 +204,13 @@ mod tests {
             points.iter().map(nearest).sum::<f64>() / points.len() as f64
         };
         assert!(spread(&even) > 3.0 * spread(&rings) && spread(&rings) < 0.003, "{}", spread(&even));
-        assert!(evened(&even).is_none_or(|again| again.len() > even.len() / 2));
+        assert!(evened(&even).is_none_or(|again| again.points.len() > even.len() / 2));
+        // Groups are where their points are.
+        let out: Vec<[f32; 3]> = rings.iter().map(|p| [p[0], p[1], 0.0]).collect();
+        for (direction, p) in cloud.directions(&out).iter().zip(&even) {
+            let length = p[0].hypot(p[1]);
+            assert!((direction[0] * p[0] + direction[1] * p[1]) / length > 0.99, "{direction:?} {p:?}");
+        }
     }
 
     #[test]

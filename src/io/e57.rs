@@ -3,6 +3,8 @@
 use super::{Loaded, Want};
 use crate::Error;
 use crate::ErrorKind;
+#[cfg(feature = "formats")]
+use crate::geometry::{Attribute, COLOUR, Number};
 
 /// Whether the bytes begin like an E57 file.
 pub(super) fn looks_like_e57(bytes: &[u8]) -> bool {
@@ -43,9 +45,16 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut reader = E57Reader::new(std::io::Cursor::new(bytes)).map_err(damaged)?;
     let mut loaded = Loaded::default();
     let (mut none, mut total) = (0_usize, 0_usize);
+    let (mut intensity, mut colour) = (Vec::new(), [const { Vec::new() }; 3]);
     let scans = reader.pointclouds();
     for (s, scan) in scans.iter().enumerate() {
         let name = format!("scan {}", s + 1);
+        // Without a pose the points may have been moved already.
+        if let Some(e57::Transform { translation: t, .. }) = &scan.transform
+            && [t.x, t.y, t.z].iter().all(|x| x.is_finite())
+        {
+            loaded.viewpoints.push([t.x, t.y, t.z]);
+        }
         // Numbers that are all the same take no bits. If there are no others, any count would fit the file.
         let takes_bits = scan.prototype.iter().any(|r| match r.data_type {
             RecordDataType::Integer { min, max } | RecordDataType::ScaledInteger { min, max, .. } => {
@@ -75,6 +84,12 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
                 CartesianCoordinate::Valid { x, y, z } => {
                     super::check_point([x, y, z], want, "point", total - 1)?;
                     loaded.verts.push([x, y, z]);
+                    if want == Want::Attributes {
+                        intensity.push(point.intensity.map_or(f64::NAN, f64::from));
+                        let parts = point.color.map(|c| [c.red, c.green, c.blue].map(f64::from));
+                        let parts = parts.unwrap_or([f64::NAN; 3]);
+                        colour.iter_mut().zip(parts).for_each(|(all, x)| all.push(x));
+                    }
                 }
                 _ if want == Want::EveryRow => {
                     super::check_point([f64::NAN; 3], want, "point", total - 1)?;
@@ -83,6 +98,7 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             }
         }
     }
+    loaded.attributes = attributes(intensity, colour);
     loaded.left_out = none;
     if none > 0 {
         loaded.notices.push(format!("left out {none} of {total} points: nothing came back from there"));
@@ -91,6 +107,26 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         loaded.notices.push(format!("joined {} scans, each moved to its place", scans.len()));
     }
     Ok(loaded)
+}
+
+/// The attributes that any point has a value of: the intensity from 0 to 1, and the colour in bytes, black where there
+/// is none.
+#[cfg(feature = "formats")]
+fn attributes(intensity: Vec<f64>, colour: [Vec<f64>; 3]) -> Vec<Attribute> {
+    let any = |values: &[f64]| values.iter().any(|x| !x.is_nan());
+    let mut all = Vec::new();
+    if any(&intensity) {
+        all.push(Attribute { name: "intensity".into(), number: Number::F32, values: intensity });
+    }
+    if any(&colour[0]) {
+        let byte = |x: f64| if x.is_nan() { 0.0 } else { (255.0 * x).round().clamp(0.0, 255.0) };
+        all.extend(COLOUR.into_iter().zip(colour).map(|(name, part)| Attribute {
+            name: name.into(),
+            number: Number::U8,
+            values: part.into_iter().map(byte).collect(),
+        }));
+    }
+    all
 }
 
 #[cfg(all(test, feature = "formats"))]
@@ -132,12 +168,50 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn intensity_and_colour_are_read_if_asked_for() {
+        let path = std::env::temp_dir().join(format!("bijective-sdf-colours-{}.e57", std::process::id()));
+        let mut writer = E57Writer::from_file(&path, "file").unwrap();
+        let prototype = vec![
+            Record::CARTESIAN_X_F64,
+            Record::CARTESIAN_Y_F64,
+            Record::CARTESIAN_Z_F64,
+            Record::COLOR_RED_U8,
+            Record::COLOR_GREEN_U8,
+            Record::COLOR_BLUE_U8,
+            Record::INTENSITY_UNIT_F32,
+        ];
+        let mut scan = writer.add_pointcloud("scan", prototype).unwrap();
+        for (i, shade) in [(0.0, 255), (1.0, 51)] {
+            let place = [i, 2.0 * i, 3.0].map(RecordValue::Double);
+            let colour = [shade, 7, 0].map(RecordValue::Integer);
+            let row = place.into_iter().chain(colour).chain([RecordValue::Single(0.25)]);
+            scan.add_point(row.collect()).unwrap();
+        }
+        scan.finalize().unwrap();
+        writer.finalize().unwrap();
+        drop(writer);
+        let bytes = std::fs::read(&path).unwrap();
+        std::fs::remove_file(&path).unwrap();
+        let found = read(&bytes, Want::Attributes).unwrap().attributes;
+        let found: Vec<(&str, &[f64])> = found.iter().map(|a| (a.name.as_str(), &a.values[..])).collect();
+        let want: [(&str, &[f64]); 4] = [
+            ("intensity", &[0.25, 0.25]),
+            ("red", &[255.0, 51.0]),
+            ("green", &[7.0, 7.0]),
+            ("blue", &[0.0, 0.0]),
+        ];
+        assert_eq!(found, want);
+        assert!(read(&bytes, Want::Cloud).unwrap().attributes.is_empty());
+        assert!(read(&sample(), Want::Attributes).unwrap().attributes.is_empty());
+    }
+
+    #[test]
     fn scans_are_joined_and_damage_is_answered() {
         let bytes = sample();
         assert!(looks_like_e57(&bytes));
         let loaded = read(&bytes, Want::Cloud).unwrap();
         assert_eq!(loaded.verts, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.5], [11.0, 2.0, 3.0], [14.0, 5.0, 6.5]]);
-        assert_eq!(loaded.left_out, 2);
+        assert_eq!((loaded.left_out, &loaded.viewpoints), (2, &vec![[0.0; 3], [10.0, 0.0, 0.0]]));
         assert!(
             loaded.notices[0].contains("left out 2 of 6") && loaded.notices[1].contains("joined 2 scans")
         );

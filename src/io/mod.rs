@@ -30,7 +30,7 @@ use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
-use crate::geometry::{Attribute, Bounds, TriangleMesh, are_f32};
+use crate::geometry::{Attribute, Bounds, TriangleMesh, are_f32, shortest};
 use crate::{Error, ErrorKind};
 
 mod atomic;
@@ -77,11 +77,16 @@ pub struct PointCloud {
     /// Positions, n x 3, all finite and within the range of 32-bit floats, in the order, units and digits of the file.
     pub points: Vec<[f64; 3]>,
     /// Normals, n x 3, all finite and of the file's lengths, if there are columns or properties `nx`, `ny` and `nz`
-    /// (PLY, XYZ and CSV). The reconstruction does not use them.
+    /// (PLY, PCD, XYZ and CSV), if there is an array `normals` (NPZ), or one for each vertex (OFF, OBJ). A
+    /// reconstruction uses them if they are given to it as [`Hints`](crate::reconstruct::Hints).
     pub normals: Option<Vec<[f32; 3]>>,
+    /// The places from which the points were seen, one a scan, if the file tells (PCD, PTX, E57) or its format does
+    /// (raw laser scans); in the frame of the points.
+    pub viewpoints: Vec<[f64; 3]>,
     /// What else the file has of each point, if [asked for](ReadOptions::attributes): number properties of PLY, fields
-    /// of PCD (a packed `rgb` as `red`, `green` and `blue`), intensity, classification and colour of LAS, numbers in
-    /// named columns of a text, and the colours of OBJ. Of other formats there are none.
+    /// of PCD (a packed `rgb` as `red`, `green` and `blue`), intensity, classification and colour of LAS, intensity and
+    /// colour of PTX and E57, point data of VTK, numbers in named columns of a text, other columns and arrays of NPY
+    /// and NPZ, and the colours of OBJ. Of other formats there are none.
     pub attributes: Vec<Attribute>,
     /// One sentence for each thing worth telling the user, such as `ignored 2 extra columns`.
     pub notices: Vec<String>,
@@ -161,15 +166,37 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
         notices.push(format!("ignored the normals: that of point {i} is not finite"));
         normals = None;
     }
+    notices.extend(seen_from(&loaded.viewpoints));
     Ok(PointCloud {
         points,
         normals,
         attributes: loaded.attributes,
+        viewpoints: loaded.viewpoints,
         notices,
         warnings,
         left_out: loaded.left_out,
         faces: loaded.ignored_faces,
     })
+}
+
+/// What to say of the places that points were seen from.
+fn seen_from(viewpoints: &[[f64; 3]]) -> Option<String> {
+    let name = |p: &[f64; 3]| p.map(shortest).join(",");
+    match viewpoints {
+        [] => None,
+        [one] => Some(format!(
+            "the points were seen from {0}; --origin {0} takes that side for outside",
+            name(one)
+        )),
+        [first, ..] if viewpoints.iter().all(|p| p == first) => seen_from(&viewpoints[..1]),
+        [first, second, more @ ..] => Some(format!(
+            "the scans were taken from {} places, ({}), ({}){}; --origin takes one, which fits a file of one scan",
+            viewpoints.len(),
+            name(first),
+            name(second),
+            if more.is_empty() { "" } else { ", ..." }
+        )),
+    }
 }
 
 /// Reads a triangle mesh from a PLY, OBJ, STL or OFF file; polygons become fans of triangles.
@@ -254,6 +281,7 @@ struct Loaded {
     normals: Vec<[f32; 3]>,
     faces: Vec<[u32; 3]>,
     attributes: Vec<Attribute>,
+    viewpoints: Vec<[f64; 3]>,
     ignored_faces: u64,
     left_out: usize,
     notices: Vec<String>,

@@ -24,6 +24,9 @@ const NAMES: [&str; 16] = [
     "arr_0",
 ];
 
+/// Attributes that are read of all arrays at most.
+const MAX_ATTRIBUTES: usize = 64;
+
 /// Reads n x 3 points and, if there is an array of them, their normals.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
     let entries = zip::entries(bytes)?;
@@ -57,6 +60,18 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         && normals.verts.len() == loaded.verts.len()
     {
         loaded.normals = normals.verts.iter().map(|n| n.map(|x| x as f32)).collect();
+    }
+    if want == Want::Attributes {
+        for (other, entry) in &arrays {
+            let points = loaded.verts.len();
+            if *other == name || other.eq_ignore_ascii_case("normals") {
+                continue;
+            }
+            // Arrays of anything but one row a point say nothing about the points.
+            let columns = entry.bytes().and_then(|bytes| npy::columns(&bytes, other)).unwrap_or_default();
+            let room = MAX_ATTRIBUTES.saturating_sub(loaded.attributes.len());
+            loaded.attributes.extend(columns.into_iter().filter(|c| c.values.len() == points).take(room));
+        }
     }
     if known("occupancies").is_some() || known("sdf").is_some() {
         loaded.warnings.push(
@@ -112,6 +127,38 @@ pub(super) mod tests {
             let e = plain(&archive(&[(name, vec![1])])).map(|l| l.verts).unwrap_err().to_string();
             assert!(e.contains(what), "{e}");
         }
+    }
+
+    #[test]
+    fn arrays_with_a_row_for_each_point_are_attributes() {
+        let points = npy::tests::write(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]]);
+        let colours = npy::tests::write(&[[0.5, 0.25, 1.0], [0.0, 1.0, 0.75]]);
+        let bytes = |descr: &str, shape: &str, data: &[u8]| {
+            let header = format!("{{'descr': '{descr}', 'fortran_order': False, 'shape': {shape}, }}");
+            npy::tests::file(1, &header, data)
+        };
+        let files = archive(&[
+            ("xyz.npy", points),
+            ("colors.npy", colours),
+            ("label.npy", bytes("|u1", "(2,)", &[7, 9])),
+            ("flow.npy", bytes("<i2", "(2, 2)", &[1, 0, 2, 0, 255, 255, 4, 0])),
+            ("other.npy", bytes("|u1", "(3,)", &[1, 2, 3])),
+            ("scale.npy", bytes("|u1", "()", &[1])),
+            ("note.npy", vec![1, 2, 3]),
+        ]);
+        let loaded = read(&files, &ReadOptions::default(), Want::Attributes).unwrap();
+        let found: Vec<(&str, &[f64])> =
+            loaded.attributes.iter().map(|a| (a.name.as_str(), &a.values[..])).collect();
+        let want: [(&str, &[f64]); 6] = [
+            ("red", &[0.5, 0.0]),
+            ("green", &[0.25, 1.0]),
+            ("blue", &[1.0, 0.75]),
+            ("label", &[7.0, 9.0]),
+            ("flow_1", &[1.0, -1.0]),
+            ("flow_2", &[2.0, 4.0]),
+        ];
+        assert_eq!(found, want);
+        assert!(plain(&files).unwrap().attributes.is_empty());
     }
 
     #[test]

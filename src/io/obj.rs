@@ -14,6 +14,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut loaded = Loaded::default();
     let mut polygon: Vec<i64> = Vec::new();
     let mut polygons = 0_u64;
+    let mut own_normals = true;
     // A face may name vertices that come later in the file, so the largest index is checked at the end.
     let mut largest = (-1_i64, 0_u64, 0_u64);
 
@@ -33,6 +34,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             Some(b"f") => {
                 polygons += 1;
                 if want != Want::Mesh {
+                    own_normals &= parts.take_while(|w| !w.starts_with(b"#")).all(names_its_own_normal);
                     continue;
                 }
                 let at = |e: Error| e.at_line(number).at_element(format!("face {}", polygons - 1));
@@ -46,8 +48,16 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
                     largest = (most, number, polygons - 1);
                 }
             }
+            Some(b"vn") if want != Want::Mesh => {
+                let mut part = || parts.next().and_then(float).map_or(f32::NAN, |x| x as f32);
+                loaded.normals.push([part(), part(), part()]);
+            }
             _ => {}
         }
+    }
+    // Faces may give vertices other normals than those of their numbers.
+    if !own_normals || loaded.normals.len() != loaded.verts.len() {
+        loaded.normals.clear();
     }
 
     if largest.0 >= loaded.verts.len() as i64 {
@@ -63,6 +73,13 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         loaded.ignore_faces(polygons);
     }
     Ok(loaded)
+}
+
+/// Whether the corner of a face, such as `7//7` or `7/2/7`, names the normal of the same number as its vertex.
+fn names_its_own_normal(corner: &[u8]) -> bool {
+    let mut parts = corner.split(|b| *b == b'/');
+    let (vertex, normal) = (parts.next(), parts.nth(1));
+    normal.is_some() && vertex == normal
 }
 
 /// Takes the three numbers behind a place as a colour; behind a weight of the place, if there are four. Where one
@@ -134,6 +151,20 @@ fn corner(word: &[u8], so_far: usize) -> Result<i64, Error> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn normals_are_read_if_each_vertex_has_its_own() {
+        let normals = |text: &str| read(text.as_bytes(), Want::Cloud).unwrap().normals;
+        let verts = "v 0 0 0\nv 1 0 0\nv 0 1 0\n";
+        let own = "vn 0 0 1\nvn 0 0.6 0.8\nvn 1 0 0\n";
+        let want = [[0.0, 0.0, 1.0], [0.0, 0.6, 0.8], [1.0, 0.0, 0.0]];
+        assert_eq!(normals(&[verts, own].concat()), want);
+        assert_eq!(normals(&[verts, own, "f 1//1 2//2 3//3 # 1\n"].concat()), want);
+        assert_eq!(normals(&[verts, own, "f 1/9/1 2/9/2 3/9/3\n"].concat()), want);
+        for faces in ["f 1//1 2//1 3//1\n", "f 1 2 3\n", "f 1/1 2/2 3/3\n", "vn 0 0 1\n"] {
+            assert!(normals(&[verts, own, faces].concat()).is_empty(), "{faces}");
+        }
+    }
 
     #[test]
     fn reads_corners_of_every_form() {

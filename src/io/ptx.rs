@@ -3,6 +3,7 @@
 
 use super::text::{Lines, float, integer, three_floats, without_mark, words};
 use super::{Loaded, Want, check_point};
+use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
 /// Lines between the counts of a scan and its points: place, three axes, and four rows of the matrix.
@@ -27,6 +28,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut loaded = Loaded::default();
     let mut lines = Lines::new(without_mark(bytes)?).filter(|(_, l)| !l.trim_ascii().is_empty()).peekable();
     let (mut scans, mut rows, mut none) = (0_usize, 0_usize, 0_usize);
+    let mut beside = Beside::default();
     while lines.peek().is_some() {
         scans += 1;
         let scan = format!("scan {scans}");
@@ -56,6 +58,9 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             }
         }
         let matrix = [pose[4], pose[5], pose[6], pose[7]];
+        if matrix[3].iter().all(|x| x.is_finite()) {
+            loaded.viewpoints.push([matrix[3][0], matrix[3][1], matrix[3][2]]);
+        }
         let mut found = 0_u64;
         // A line with one number is the head of the next scan, if this one is shorter than it promises.
         while Some(found) != promised
@@ -73,6 +78,9 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             let moved = [0, 1, 2].map(|a| (0..3).map(|i| p[i] * matrix[i][a]).sum::<f64>() + matrix[3][a]);
             check_point(moved, want, "point", index).map_err(|e| e.at_line(line))?;
             loaded.verts.push(moved);
+            if want == Want::Attributes {
+                beside.push(words(text).skip(3));
+            }
         }
         if Some(found) != promised {
             loaded.warnings.push(format!(
@@ -89,7 +97,42 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     if scans > 1 {
         loaded.notices.push(format!("joined {scans} scans, each moved to its place"));
     }
+    loaded.attributes = beside.attributes(loaded.verts.len());
     Ok(loaded)
+}
+
+/// What stands behind the coordinates.
+#[derive(Default)]
+struct Beside {
+    intensity: Vec<f64>,
+    colour: [Vec<f64>; 3],
+}
+
+impl Beside {
+    /// Takes the words behind the coordinates of a point: an intensity, and maybe a colour of three bytes.
+    fn push<'a>(&mut self, words: impl Iterator<Item = &'a [u8]>) {
+        let numbers: Vec<f64> = words.take(5).map_while(float).collect();
+        self.intensity.push(numbers.first().copied().unwrap_or(f64::NAN));
+        if let [_, colour @ ..] = &numbers[..]
+            && colour.len() == 3
+            && colour.iter().all(|x| (0.0..=255.0).contains(x) && x.fract() == 0.0)
+        {
+            self.colour.iter_mut().zip(colour).for_each(|(part, x)| part.push(*x));
+        }
+    }
+
+    /// The attributes of n points: the intensity if any has one, the colour if all have one.
+    fn attributes(self, n: usize) -> Vec<Attribute> {
+        let one = |name: &str, number, values| Attribute { name: name.into(), number, values };
+        let mut all = Vec::new();
+        if self.intensity.iter().any(|x| !x.is_nan()) {
+            all.push(one("intensity", Number::F32, self.intensity));
+        }
+        if n > 0 && self.colour[0].len() == n {
+            all.extend(COLOUR.into_iter().zip(self.colour).map(|(name, part)| one(name, Number::U8, part)));
+        }
+        all
+    }
 }
 
 fn wrong(what: impl Into<String>) -> Error {
@@ -110,7 +153,7 @@ pub(super) mod tests {
         assert!(looks_like_ptx(SCANS.as_bytes()));
         let loaded = read(SCANS.as_bytes(), Want::Cloud).unwrap();
         assert_eq!(loaded.verts, [[1.0, 2.0, 3.0], [4.0, 5.0, 6.0], [8.0, 21.0, 33.0]]);
-        assert_eq!(loaded.left_out, 2);
+        assert_eq!((loaded.left_out, loaded.viewpoints), (2, vec![[0.0; 3], [10.0, 20.0, 30.0]]));
         assert!(
             loaded.notices[0].contains("left out 2 of 5") && loaded.notices[1].contains("joined 2 scans")
         );
@@ -119,6 +162,25 @@ pub(super) mod tests {
         for other in ["3\n1 2 3\n4 5 6\n7 8 9\n", "3\n1\n0 0 0\n", "1 2 3\n"] {
             assert!(!looks_like_ptx(other.as_bytes()), "{other}");
         }
+    }
+
+    #[test]
+    fn intensity_and_colour_are_read_if_asked_for() {
+        let of = |text: &str| read(text.as_bytes(), Want::Attributes).unwrap().attributes;
+        let names = |all: &[Attribute]| all.iter().map(|a| a.name.clone()).collect::<Vec<_>>();
+        // One of three points has a colour.
+        let some = of(SCANS);
+        assert_eq!((names(&some), some[0].values.len()), (vec!["intensity".to_string()], 3));
+        let coloured = SCANS.replace("1 2 3 0.5", "1 2 3 0.25 9 8 7");
+        let all = of(&coloured);
+        assert_eq!(names(&all), ["intensity", "red", "green", "blue"]);
+        assert_eq!(
+            (&all[0].values[..], &all[1].values[..]),
+            (&[0.25, 0.5, 0.25][..], &[9.0, 255.0, 9.0][..])
+        );
+        assert!(read(coloured.as_bytes(), Want::Cloud).unwrap().attributes.is_empty());
+        let bare = coloured.replace(" 0.25 9 8 7", "").replace(" 0.5 255 0 0", "");
+        assert!(of(&bare).is_empty());
     }
 
     #[test]

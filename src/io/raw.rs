@@ -76,6 +76,10 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
     if let Some(doubt) = doubted.then(|| evidence.doubt()).flatten() {
         return Err(doubt.stop());
     }
+    if columns == [0, 1, 2] && matches!(raw.columns, 4 | 5) {
+        // The frame of KITTI and nuScenes is that of the scanner.
+        loaded.viewpoints.push([0.0; 3]);
+    }
     match raw.columns {
         3 => {}
         4 if columns == [0, 1, 2] => loaded.notices.push("ignored the intensity column".to_string()),

@@ -1,5 +1,6 @@
 //! The active part of the grid: the tetrahedra around the surface, which a step of the training works on.
 
+use super::phases::{Stop, go_on};
 use crate::error::Error;
 use crate::field::Field;
 use crate::geometry::{BandTopology, NarrowBandOptions, TetGrid, active_set};
@@ -23,11 +24,17 @@ pub(super) struct ActiveBand {
 
 impl ActiveBand {
     /// Searches for the surface of `field` on a grid, near the `cloud` (n x 3) too, with `rings` rings of cubes around
-    /// those that the surface crosses.
+    /// those that the surface crosses. `stop` is asked before each part of the grid.
     ///
     /// # Errors
-    /// As [`active_set`].
-    pub fn find(field: &Field, cloud: &[[f32; 3]], resolution: usize, rings: usize) -> Result<Self, Error> {
+    /// As [`active_set`], and as [`go_on`].
+    pub fn find(
+        field: &Field,
+        cloud: &[[f32; 3]],
+        resolution: usize,
+        rings: usize,
+        stop: Stop<'_>,
+    ) -> Result<Self, Error> {
         let grid = TetGrid::working_frame(resolution)?;
         // Half the resolution: a thinner part that is near no point of the cloud is not wanted.
         let options = NarrowBandOptions {
@@ -35,7 +42,8 @@ impl ActiveBand {
             seeds: cloud,
             ..Default::default()
         };
-        let active = active_set(&grid, &mut |x: &[[f32; 3]]| Ok(field.sdf(x)), &options, rings)?;
+        let mut sdf = |x: &[[f32; 3]]| go_on(stop).map(|()| field.sdf(x));
+        let active = active_set(&grid, &mut sdf, &options, rings)?;
         let on_border = |&(_, &id): &(u32, &u32)| grid.is_border(grid.vertex_coords(id));
         Ok(ActiveBand {
             resolution,

@@ -55,10 +55,10 @@ pub(super) fn coded(setup: &Setup, state: &State) -> Result<Option<Coded>, Error
         _ => 0,
     };
     let (cloud, rings) = (&setup.cloud, setup.config.band.rings);
-    let band = ActiveBand::find(&state.field, cloud, setup.resolution_at(step), rings)?;
+    let band = ActiveBand::find(&state.field, cloud, setup.resolution_at(step), rings, &|| false)?;
     let [verts, moved] = TrainStep::new(setup, state, &band, step).moved_verts()?;
     let (nearest, _) = nearest_points(&moved, &surface);
-    let place = |points: &[[f32; 3]]| setup.normalizer.place(points);
+    let place = |points: &[[f32; 3]]| setup.frame.place(points);
     Ok(Some(Coded {
         vert_codes: nearest.iter().map(|&i| codes.patches[i as usize]).collect(),
         points: place(&points),

@@ -7,7 +7,8 @@ use crate::error::Error;
 use crate::geometry::{TriangleBvh, TriangleMesh, nearest_points, sample_surface};
 use crate::loss::Direction;
 use crate::start::{
-    DENOISED_POINTS, Denoised, MAX_PLATE_POINTS, ShapeFit, best_fitting, denoise, gauss_shapes, plate_shapes,
+    DENOISED_POINTS, Denoised, GaussField, MAX_PLATE_POINTS, ShapeFit, best_fitting, denoise, gauss_shapes,
+    plate_shapes,
 };
 use crate::tensor::Tensor;
 use std::sync::Arc;
@@ -17,6 +18,10 @@ const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
 /// The most points for which all of them are tried.
 const MAX_RADII_POINTS: usize = 1024;
+
+/// The indicator at the points by given normals ([`GaussField::at_points`]) below which they are those of a body seen
+/// from within, such as a room: -1/2 if it is closed, -0.3 or so if half of it is missing, 0 for a sheet.
+const WITHIN: f32 = -0.1;
 
 /// The shape that a run begins with.
 pub(super) struct FirstShape {
@@ -30,14 +35,21 @@ pub(super) struct FirstShape {
     pub area: f64,
     /// Its outward unit normals at the working points, n x 3.
     pub normals: Vec<[f32; 3]>,
+    /// Whether given normals point into it: it is the free space around which the body lies.
+    pub turned: bool,
 }
 
 impl FirstShape {
-    /// The shape for a cloud (n x 3, working frame); `None` if the field starts as a sphere, which needs none.
+    /// The shape for a cloud (n x 3, working frame), on the sides that `normals` (n x 3, of unit length or zero) tell,
+    /// if they are given; `None` if the field starts as a sphere, which needs none.
     ///
     /// # Errors
     /// As [`gauss_shapes`].
-    pub fn find(given: &[[f32; 3]], config: &Config) -> Result<Option<Self>, Error> {
+    pub fn find(
+        given: &[[f32; 3]],
+        normals: Option<&[[f32; 3]]>,
+        config: &Config,
+    ) -> Result<Option<Self>, Error> {
         let (start, seed) = (config.start, config.seed);
         if start.shape == StartShape::Sphere {
             return Ok(None);
@@ -48,7 +60,14 @@ impl FirstShape {
             None => &DIPOLE_RADII[..],
             Some(radius) => std::slice::from_ref(radius),
         };
-        let mut rough = gauss_shapes(given, radii, start.regularity, seed)?;
+        let turned = normals
+            .is_some_and(|normals| GaussField::of_normals(given, normals, 1.0, seed).at_points() < WITHIN);
+        let outward = normals.map(|normals| match turned {
+            true => normals.iter().map(|n| n.map(|x| -x)).collect(),
+            false => normals.to_vec(),
+        });
+        let sides = outward.as_deref();
+        let mut rough = gauss_shapes(given, sides, radii, start.regularity, seed)?;
         let denoised = if config.denoise && DENOISED_POINTS.contains(&given.len()) {
             let best = best_fitting(&rough, given, seed)?;
             denoise(given, &TriangleBvh::new(&rough[best])?.normals_near(given))
@@ -57,7 +76,7 @@ impl FirstShape {
         };
         let cloud = denoised.as_ref().map_or(given, |denoised| &denoised.points);
         let plates = match start.shape {
-            StartShape::Plate if cloud.len() <= MAX_PLATE_POINTS => plate_shapes(cloud, &rough).ok(),
+            StartShape::Plate if cloud.len() <= MAX_PLATE_POINTS => plate_shapes(cloud, sides, &rough).ok(),
             _ => None,
         };
         let mesh = match plates {
@@ -67,7 +86,7 @@ impl FirstShape {
         };
         let normals = TriangleBvh::new(&mesh)?.normals_near(cloud);
         let (area, fit) = (mesh.topology().area, ShapeFit::new(&mesh, seed)?);
-        Ok(Some(FirstShape { mesh, fit, denoised, area, normals }))
+        Ok(Some(FirstShape { mesh, fit, denoised, area, normals, turned }))
     }
 }
 
@@ -171,7 +190,7 @@ mod tests {
     #[test]
     fn normals_point_outward_and_samples_lie_on_the_shape() {
         let cloud = sphere(120);
-        let shape = FirstShape::find(&cloud, &Config::default()).unwrap().unwrap();
+        let shape = FirstShape::find(&cloud, None, &Config::default()).unwrap().unwrap();
         for (p, n) in cloud.iter().zip(&shape.normals) {
             let cos: f32 = (0..3).map(|d| 2.0 * p[d] * n[d]).sum();
             assert!(cos > 0.95, "{p:?} {n:?}");
@@ -188,14 +207,14 @@ mod tests {
     fn a_sphere_needs_no_shape() {
         let mut config = Config::default();
         config.start.shape = StartShape::Sphere;
-        assert!(FirstShape::find(&sphere(50), &config).unwrap().is_none());
+        assert!(FirstShape::find(&sphere(50), None, &config).unwrap().is_none());
     }
 
     #[test]
     fn the_parts_of_a_large_cloud_share_the_samples() {
         let (cloud, _) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(200, 1);
         let config = Config::default();
-        let shape = FirstShape::find(&cloud, &config).unwrap().unwrap();
+        let shape = FirstShape::find(&cloud, None, &config).unwrap().unwrap();
         let samples = Samples::of(&shape.mesh, &cloud, 600, 0).unwrap();
         let bsp = BspConfig { channels: 8, heads: 2, ..config.bsp };
         let mut rng = Random::new(0);

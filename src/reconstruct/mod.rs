@@ -13,6 +13,8 @@ mod coded;
 mod config;
 mod far;
 mod first_shape;
+mod frame;
+mod hints;
 mod objective;
 mod phases;
 mod result;
@@ -25,6 +27,7 @@ mod trainer;
 
 pub use coded::Coded;
 pub use config::{Band, Batch, Config, Finishing, Preset, Stage, Start, StartShape, Target};
+pub use hints::Hints;
 pub use objective::{Terms, Weights};
 pub use phases::{Phase, StepReport};
 pub use result::Reconstruction;

@@ -1,6 +1,7 @@
 //! The result: a field and what comes with it, in the input's frame.
 
 use super::far::{self, radius, share};
+use super::frame::Frame;
 use super::{Config, Finishing};
 use crate::bsp::Coverage;
 use crate::error::{Error, ErrorKind};
@@ -21,7 +22,7 @@ use rayon::prelude::*;
 #[derive(Clone, Debug)]
 pub struct Reconstruction {
     pub(super) config: Config,
-    pub(super) normalizer: Normalizer,
+    pub(super) frame: Frame,
     /// Distinct points, input frame.
     pub(super) cloud: Vec<[f64; 3]>,
     pub(super) shape: FinalShape,
@@ -30,6 +31,8 @@ pub struct Reconstruction {
     /// S, working frame.
     pub(super) surface: Vec<[f32; 3]>,
     pub(super) coverage: Option<Coverage>,
+    /// Whether shape and finish are negative where this is positive.
+    pub(super) turned: bool,
     pub(super) notices: Vec<String>,
 }
 
@@ -128,9 +131,19 @@ impl Reconstruction {
     /// distance to the nearest point, which is finite for every finite place and grows along every ray from the middle.
     /// NaN at a place that is NaN, as is the gradient there.
     pub fn sdf<P: Position>(&self, points: &[P]) -> Vec<P::Scalar> {
-        let scale = self.normalizer.scale();
-        let places: Vec<[f64; 3]> = points.iter().map(|&p| self.normalizer.forward_wide(p)).collect();
-        self.wide_sdf(&places).into_iter().map(|s| P::scalar(s * scale)).collect()
+        let places: Vec<[f64; 3]> = points.iter().map(|&p| self.frame.forward_wide(p)).collect();
+        self.distances(&places).into_iter().map(P::scalar).collect()
+    }
+
+    /// Signed distances at places of the working frame, in the input's unit.
+    fn distances(&self, places: &[[f64; 3]]) -> Vec<f64> {
+        let values = self.wide_sdf(places);
+        if self.frame.is_plain() {
+            let scale = self.frame.scale();
+            return values.into_iter().map(|s| s * scale).collect();
+        }
+        let gradients = self.wide_gradient(places);
+        values.into_iter().zip(gradients).map(|(s, gradient)| self.frame.distance(s, gradient)).collect()
     }
 
     /// Signed distances at places of the working frame, near and far.
@@ -145,7 +158,7 @@ impl Reconstruction {
             values[i] = f64::from(value);
         }
         if shares.iter().any(|&s| s > 0.0) {
-            let points = self.normalizer.forward(&self.cloud);
+            let points = self.frame.forward(&self.cloud);
             let tree = KdTree::new(&points);
             values.par_iter_mut().zip(places).zip(&shares).filter(|(_, s)| **s > 0.0).for_each(
                 |((value, x), share)| {
@@ -155,17 +168,41 @@ impl Reconstruction {
                 },
             );
         }
+        if self.turned {
+            values.iter_mut().for_each(|value| *value = -*value);
+        }
         values
+    }
+
+    /// Whether the points were seen from within, as those of a room: then the distance is positive inside of the mesh
+    /// and negative around it, and faces run counter-clockwise seen from within. So it is if given normals
+    /// ([`Hints`](super::Hints)) point into the closed surface.
+    pub fn is_turned(&self) -> bool {
+        self.turned
     }
 
     /// The gradients of [`sdf`](Self::sdf) at `points` (n x 3): outward, of about unit length, without unit. Where the
     /// result is finished ([`Config::finish`]) they are differences over 2e-3 of the longest side, and so they are
     /// where the field gives way to the distance to the points.
     pub fn gradient<P: Position>(&self, points: &[P]) -> Vec<P> {
-        // Distance and place are scaled alike, so the slope is that of the working frame.
-        let places: Vec<[f64; 3]> = points.iter().map(|&p| self.normalizer.forward_wide(p)).collect();
+        let places: Vec<[f64; 3]> = points.iter().map(|&p| self.frame.forward_wide(p)).collect();
+        let mut gradients = self.wide_gradient(&places);
+        // Distance and place are scaled alike, so the slope is that of the working frame, unless axes were stretched.
+        if !self.frame.is_plain() {
+            gradients.iter_mut().for_each(|g| {
+                let slope = self.frame.slope(*g);
+                let len = slope.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+                *g = slope.map(|x| x / len);
+            });
+        }
+        gradients.into_iter().map(P::of_wide).collect()
+    }
+
+    /// The gradients of [`wide_sdf`](Self::wide_sdf).
+    fn wide_gradient(&self, places: &[[f64; 3]]) -> Vec<[f64; 3]> {
         let shares: Vec<f64> = places.iter().map(|x| share(radius(x))).collect();
         let mut gradients = vec![[f64::NAN; 3]; places.len()];
+        let sign = if self.turned { -1.0 } else { 1.0 };
         let exact = |share: f64| share == 0.0 && self.finish.is_none();
         let rows = |wanted: &dyn Fn(f64) -> bool| -> Vec<usize> {
             (0..places.len()).filter(|&i| wanted(shares[i])).collect()
@@ -173,7 +210,7 @@ impl Reconstruction {
         let near = rows(&exact);
         let inside: Vec<[f32; 3]> = near.iter().map(|&i| places[i].map(|x| x as f32)).collect();
         for (&i, gradient) in near.iter().zip(self.shape.gradient(&inside)) {
-            gradients[i] = gradient.map(f64::from);
+            gradients[i] = gradient.map(|x| sign * f64::from(x));
         }
         let between = rows(&|share| !exact(share) && share < 1.0);
         if !between.is_empty() {
@@ -196,13 +233,13 @@ impl Reconstruction {
         }
         let beyond = rows(&|share| share == 1.0);
         if !beyond.is_empty() {
-            let cloud = self.normalizer.forward(&self.cloud);
+            let cloud = self.frame.forward(&self.cloud);
             let tree = KdTree::new(&cloud);
             for i in beyond {
-                gradients[i] = far::distance(&tree, &cloud, places[i]).1;
+                gradients[i] = far::distance(&tree, &cloud, places[i]).1.map(|x| sign * x);
             }
         }
-        gradients.into_iter().map(P::of_wide).collect()
+        gradients
     }
 
     /// The zero level set as a closed mesh, from a grid of `resolution` cubes along each side of the cube around the
@@ -213,10 +250,19 @@ impl Reconstruction {
     /// [`ErrorKind::Config`] for a resolution below 3 or beyond 32-bit vertex numbers,
     /// [`ErrorKind::Diverged`] if the field is not finite.
     pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh<[f64; 3]>, Error> {
-        let seeds = self.normalizer.forward(&self.cloud);
+        let seeds = self.frame.forward(&self.cloud);
         let sdf = |x: &[[f32; 3]]| self.working_sdf(x);
         let mesh = zero_level_set(&sdf, &seeds, resolution, self.config.min_component)?;
-        Ok(TriangleMesh { verts: self.normalizer.place(&mesh.verts), faces: mesh.faces })
+        Ok(self.placed(mesh))
+    }
+
+    /// A mesh of the working frame in the input's.
+    fn placed(&self, mesh: TriangleMesh) -> TriangleMesh<[f64; 3]> {
+        let mut faces = mesh.faces;
+        if self.turned {
+            faces.iter_mut().for_each(|face| face.swap(1, 2));
+        }
+        TriangleMesh { verts: self.frame.place(&mesh.verts), faces }
     }
 
     /// The zero level set as a closed mesh, from cells that are everywhere about half as large as the points lie apart
@@ -227,11 +273,10 @@ impl Reconstruction {
     /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid, [`ErrorKind::Diverged`] if it is not
     /// finite, [`ErrorKind::Config`] if there are too many points for it.
     pub fn graded_mesh(&self) -> Result<TriangleMesh<[f64; 3]>, Error> {
-        let sizes = CellSizes::of_surface(&self.normalizer.forward(&self.cloud), CELLS_BETWEEN);
+        let sizes = CellSizes::of_surface(&self.frame.forward(&self.cloud), CELLS_BETWEEN);
         let [low, side] = WORKING_CUBE;
         let mesh = extract_graded([low; 3], side, &sizes, &mut |x| Ok(self.working_sdf(x)))?;
-        let mesh = mesh.keep_large(self.config.min_component);
-        Ok(TriangleMesh { verts: self.normalizer.place(&mesh.verts), faces: mesh.faces })
+        Ok(self.placed(mesh.keep_large(self.config.min_component)))
     }
 
     /// What to subtract from coordinates of this result so that 32 bits hold their detail: 0 for a cloud near the
@@ -248,10 +293,10 @@ impl Reconstruction {
     #[track_caller]
     pub fn grid(&self, cubes: usize) -> GridValues {
         assert!(cubes > 0, "grid: no cubes");
-        let scale = self.normalizer.scale();
-        let working = self.normalizer.forward(&self.cloud);
-        // The cloud is not empty and finite, so it has bounds.
-        let size = Bounds::of(&working).map_or([1.0; 3], |bounds| bounds.size());
+        // The cubes are those of the input's frame, also where that was stretched for the work. The cloud is not empty,
+        // finite and of some extent, so it has a frame and bounds.
+        let outer = Normalizer::of(&self.cloud).unwrap_or(Normalizer::identity());
+        let size = Bounds::of(&outer.forward(&self.cloud)).map_or([1.0; 3], |bounds| bounds.size());
         let spacing = (1.0 + 2.0 * BEYOND) / cubes as f64;
         let size = size.map(|side| ((side + 2.0 * BEYOND) / spacing - 1e-6).ceil() as usize + 1);
         let low = size.map(|n| -0.5 * spacing * (n - 1) as f64);
@@ -259,16 +304,20 @@ impl Reconstruction {
         // A slice at a time, as places take more memory than values.
         for k in 0..size[2] {
             let at = |a: usize, i: usize| low[a] + spacing * i as f64;
+            let inner = |x: [f64; 3]| match self.frame.is_plain() {
+                true => x,
+                false => self.frame.forward_wide(outer.inverse_wide(x)),
+            };
             let row = |j: usize| (0..size[0]).map(move |i| [at(0, i), at(1, j), at(2, k)]);
-            let slice: Vec<[f64; 3]> = (0..size[1]).flat_map(row).collect();
-            values.extend(self.wide_sdf(&slice).into_iter().map(|s| (s * scale) as f32));
+            let slice: Vec<[f64; 3]> = (0..size[1]).flat_map(row).map(inner).collect();
+            values.extend(self.distances(&slice).into_iter().map(|s| s as f32));
         }
-        GridValues { origin: self.normalizer.inverse_wide(low), spacing: spacing * scale, size, values }
+        GridValues { origin: outer.inverse_wide(low), spacing: spacing * outer.scale(), size, values }
     }
 
     /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a parameterization.
     pub fn surface_points(&self) -> Vec<[f64; 3]> {
-        self.normalizer.place(&self.surface)
+        self.frame.place(&self.surface)
     }
 
     /// How well S covers the points that the training worked with (without their noise, and thinned if there are many),

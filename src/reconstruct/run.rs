@@ -1,7 +1,7 @@
 //! The whole run, in the order in which it happens.
 
 use super::setup::prepare;
-use super::{Config, Reconstruction, StepReport, Trainer};
+use super::{Config, Hints, Reconstruction, StepReport, Trainer};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::Position;
 use std::ops::ControlFlow;
@@ -73,7 +73,7 @@ pub fn reconstruct_with<P: Position>(
     observer: &mut dyn FnMut(&Event<'_>) -> ControlFlow<()>,
 ) -> Result<Outcome, Error> {
     // Options are checked and adapted, duplicates merged, and the working frame is laid around the points.
-    let prepared = prepare(points, config)?;
+    let prepared = prepare(points, config, &Hints::default())?;
     let (points, total_steps) = (prepared.input.len(), prepared.config.total_steps());
     if observer(&Event::Started { points, merged: prepared.merged, total_steps }).is_break() {
         return Err(Error::new(ErrorKind::Cancelled, "the run was cancelled before its first step"));

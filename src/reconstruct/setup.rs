@@ -1,13 +1,14 @@
 //! Preparation of a run: from the given points to the first state.
 
 use super::first_shape::{FirstShape, Samples};
+use super::frame::Frame;
 use super::state::State;
-use super::{Config, Stage};
+use super::{Config, Hints, Stage, StartShape};
 use crate::bsp::{Neighbourhood, SurfaceMap};
-use crate::error::Error;
+use crate::error::{Error, ErrorKind};
 use crate::field::Field;
 use crate::gdo::Deformation;
-use crate::geometry::{Normalizer, Position, TetGrid, clean_cloud, evened, thin_cloud};
+use crate::geometry::{Position, TetGrid, clean_cloud, evened, thin_cloud};
 use crate::random::Random;
 use crate::start::resolution_for_area;
 use rand::seq::SliceRandom;
@@ -25,22 +26,42 @@ pub(super) struct Prepared {
     pub config: Config,
     /// The input points without duplicates, n x 3, input frame.
     pub input: Vec<[f64; 3]>,
+    /// Normals at the input points, n x 3, of unit length or zero, where they are given.
+    pub normals: Option<Vec<[f32; 3]>>,
     /// Points left out as duplicates.
     pub merged: usize,
-    /// From the input's frame to the working frame.
-    pub normalizer: Normalizer,
+    pub frame: Frame,
 }
 
 /// Checks points (n x 3, any frame) and options.
-pub(super) fn prepare<P: Position>(points: &[P], config: &Config) -> Result<Prepared, Error> {
+///
+/// # Panics
+/// If there are normals, but not one a point.
+#[track_caller]
+pub(super) fn prepare<P: Position>(
+    points: &[P],
+    config: &Config,
+    hints: &Hints<'_>,
+) -> Result<Prepared, Error> {
+    let given = hints.normals.map_or(points.len(), <[_]>::len);
+    assert!(given == points.len(), "hints: {given} normals for {} points", points.len());
     config.validate()?;
+    if hints.normals.is_some() && config.start.shape == StartShape::Sphere {
+        return Err(Error::new(
+            ErrorKind::Config,
+            "normals are of no use for a field that starts as a sphere",
+        )
+        .at_element("option start.shape")
+        .advise("take another start.shape, such as plate, or leave the normals out"));
+    }
     let clean = clean_cloud(points)?;
-    let normalizer = Normalizer::of(&clean.points)?;
+    let frame = Frame::of(&clean.points, hints.anisotropy.unwrap_or([1.0; 3]))?;
     Ok(Prepared {
         config: config.clone().for_points(clean.points.len()),
+        normals: hints.unit_normals(&clean.given, &frame),
         input: clean.points,
         merged: clean.duplicates_merged,
-        normalizer,
+        frame,
     })
 }
 
@@ -49,7 +70,10 @@ pub(super) struct Setup {
     pub config: Config,
     /// The input points, distinct, input frame.
     pub input: Vec<[f64; 3]>,
-    pub normalizer: Normalizer,
+    /// Their normals, if given, n x 3; a checkpoint knows them again.
+    #[cfg(feature = "checkpoint")]
+    pub normals: Option<Vec<[f32; 3]>>,
+    pub frame: Frame,
     /// The working points, n x 3, working frame: the input points, made even if a scanner left them in lines,
     /// thinned if there are many, and without the noise that was found.
     pub cloud: Vec<[f32; 3]>,
@@ -70,9 +94,16 @@ impl Setup {
     /// # Errors
     /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if no first shape is found.
     pub fn new(prepared: Prepared) -> Result<(Setup, State), Error> {
-        let Prepared { config, input, normalizer, .. } = prepared;
-        let given = thinned(evenly(normalizer.forward(&input)), &config);
-        let shape = FirstShape::find(&given, &config)?;
+        let Prepared { config, input, normals, frame, .. } = prepared;
+        let (all, normals_of_all) = evenly(frame.forward(&input), normals.as_deref());
+        let (given, sides) = match thinned(&all, &config) {
+            Some(kept) => {
+                let of = |rows: &[[f32; 3]]| kept.iter().map(|&i| rows[i as usize]).collect::<Vec<_>>();
+                (of(&all), normals_of_all.as_deref().map(of))
+            }
+            None => (all, normals_of_all),
+        };
+        let shape = FirstShape::find(&given, sides.as_deref(), &config)?;
         let denoised = shape.as_ref().and_then(|shape| shape.denoised.as_ref());
         let cloud = denoised.map_or(given, |denoised| denoised.points.clone());
 
@@ -83,16 +114,28 @@ impl Setup {
         rng.set_stream(ORDER_STREAM);
         order.shuffle(rng.source());
 
-        let normals = shape.as_ref().map(|shape| &shape.normals[..]);
+        let outward = shape.as_ref().map(|shape| &shape.normals[..]);
         let size = config.batch.centres;
-        let blocks = map.as_ref().map_or_else(Vec::new, |map| map.blocks(&cloud, normals, size));
+        let blocks = map.as_ref().map_or_else(Vec::new, |map| map.blocks(&cloud, outward, size));
         let points_of_s = map.as_ref().map_or(0, |map| map.surface_len(cloud.len()));
         let samples = match &shape {
             Some(shape) => Some(Samples::of(&shape.mesh, &cloud, points_of_s, config.seed)?),
             None => None,
         };
         let state = State::new(field, map, points_of_s);
-        Ok((Setup { config, input, normalizer, cloud, order, blocks, shape, samples }, state))
+        let setup = Setup {
+            config,
+            input,
+            #[cfg(feature = "checkpoint")]
+            normals,
+            frame,
+            cloud,
+            order,
+            blocks,
+            shape,
+            samples,
+        };
+        Ok((setup, state))
     }
 
     /// The grid resolution of a step of the training proper: that of its stage, changed by the area of the first shape.
@@ -116,26 +159,30 @@ impl Setup {
     }
 }
 
-/// A large cloud with means in place of points that lie close to each other along lines.
-fn evenly(cloud: Vec<[f32; 3]>) -> Vec<[f32; 3]> {
+/// A large cloud with means in place of points that lie close to each other along lines, and the given normals of its
+/// points.
+fn evenly(cloud: Vec<[f32; 3]>, normals: Option<&[[f32; 3]]>) -> (Vec<[f32; 3]>, Option<Vec<[f32; 3]>>) {
     let found = if cloud.len() >= MIN_EVENED { evened(&cloud) } else { None };
-    found.unwrap_or(cloud)
+    match found {
+        None => (cloud, normals.map(<[_]>::to_vec)),
+        Some(even) => {
+            let normals = normals.map(|normals| even.directions(normals));
+            (even.points, normals)
+        }
+    }
 }
 
-/// The points of a large cloud that training works with.
-fn thinned(cloud: Vec<[f32; 3]>, config: &Config) -> Vec<[f32; 3]> {
+/// The points of a large cloud that training works with, by their numbers; `None` for all.
+fn thinned(cloud: &[[f32; 3]], config: &Config) -> Option<Vec<u32>> {
     let finest = config.stages.iter().map(|s| s.resolution).max();
     let grid = finest.and_then(|resolution| TetGrid::working_frame(resolution).ok());
     match (grid, config.batch.thin) {
         (Some(grid), Some(spacings)) if cloud.len() > config.batch.points => {
-            let kept = thin_cloud(&cloud, spacings * grid.spacing());
+            let kept = thin_cloud(cloud, spacings * grid.spacing());
             // A dense heap with a far outlier would become a few points: it is left whole.
-            if kept.len() < MIN_THINNED {
-                return cloud;
-            }
-            kept.into_iter().map(|i| cloud[i as usize]).collect()
+            (kept.len() >= MIN_THINNED).then_some(kept)
         }
-        _ => cloud,
+        _ => None,
     }
 }
 

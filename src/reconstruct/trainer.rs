@@ -2,11 +2,11 @@
 
 use super::band::ActiveBand;
 use super::coded::{self, Coded};
-use super::phases::{StepReport, Workspace, pretrain, start, train};
+use super::phases::{StepReport, Stop, Workspace, pretrain, start, train};
 use super::result::{FinalShape, FoundShape};
 use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
-use super::{Config, Phase, Reconstruction};
+use super::{Config, Hints, Phase, Reconstruction};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::Position;
 
@@ -38,7 +38,19 @@ impl Trainer {
     /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
     /// no first shape is found.
     pub fn new<P: Position>(points: &[P], config: &Config) -> Result<Self, Error> {
-        let prepared = prepare(points, config)?;
+        Self::with_hints(points, config, &Hints::default())
+    }
+
+    /// The same for a cloud of which more is known than the points, such as normals.
+    ///
+    /// # Errors
+    /// As [`new`](Self::new); [`ErrorKind::Config`] also for normals with `start.shape = sphere`.
+    ///
+    /// # Panics
+    /// If there are normals, but not one a point.
+    #[track_caller]
+    pub fn with_hints<P: Position>(points: &[P], config: &Config, hints: &Hints<'_>) -> Result<Self, Error> {
+        let prepared = prepare(points, config, hints)?;
         rayon::scope(|_| Self::from_prepared(prepared))
     }
 
@@ -60,18 +72,40 @@ impl Trainer {
     /// If all steps are done.
     #[track_caller]
     pub fn step(&mut self) -> Result<StepReport, Error> {
+        let done = self.step_unless(&|| false)?;
+        Ok(done.expect("nobody stops it"))
+    }
+
+    /// The same, unless `stop` says otherwise between two parts of the step, of which a large cloud or a fine grid has
+    /// long ones: the search for the surface, grid cube by grid cube, the field's values, the loss, its gradients. Then
+    /// there is no report, and nothing has changed: the run can go on or be saved as if the step had not begun.
+    ///
+    /// # Errors
+    /// As [`step`](Self::step).
+    ///
+    /// # Panics
+    /// If all steps are done.
+    #[track_caller]
+    pub fn step_unless(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> Result<Option<StepReport>, Error> {
         assert!(!self.is_done(), "step: all {} steps are done", self.total_steps());
         // On a thread of the pool from the first to the last line: from outside, each parallel loop would wait for a
         // thread to wake up (an eighth of a run with one thread).
-        rayon::scope(|_| self.step_in_pool())
+        rayon::scope(|_| self.step_in_pool(stop))
     }
 
-    fn step_in_pool(&mut self) -> Result<StepReport, Error> {
+    fn step_in_pool(&mut self, stop: Stop<'_>) -> Result<Option<StepReport>, Error> {
         loop {
-            let error = match self.try_step() {
-                Ok(report) => return Ok(report),
+            let bridges = self.state.bridges.clone();
+            let error = match self.try_step(stop) {
+                Ok(report) => return Ok(Some(report)),
                 Err(error) => error,
             };
+            if error.kind() == ErrorKind::Cancelled {
+                // They were looked for at the beginning of the step.
+                self.state.bridges = bridges;
+                self.work.clear();
+                return Ok(None);
+            }
             let (phase, step) = self.setup.config.phase_at(self.state.step);
             // Where the first step of the training finds no surface, no earlier state has one either.
             let lost = error.kind() == ErrorKind::NoSurface && (phase, step) == (Phase::Train, 0);
@@ -102,7 +136,7 @@ impl Trainer {
     }
 
     /// One step of the present phase. On an error the parameters are as before it.
-    fn try_step(&mut self) -> Result<StepReport, Error> {
+    fn try_step(&mut self, stop: Stop<'_>) -> Result<StepReport, Error> {
         let (phase, step) = self.setup.config.phase_at(self.state.step);
         let rate_factor = 0.5f32.powi(self.recoveries as i32);
         let Trainer { setup, state, band, work, .. } = self;
@@ -116,8 +150,9 @@ impl Trainer {
                     train::begin(setup, state)?;
                 }
                 look_for_gaps(setup, state, step)?;
-                let (band, searched) = current_band(setup, state, step, band)?;
-                train::step(&train::TrainStep::new(setup, state, band, step), work, searched, rate_factor)?
+                let (band, searched) = current_band(setup, state, step, band, stop)?;
+                let at = train::TrainStep::new(setup, state, band, step);
+                train::step(&at, work, searched, rate_factor, stop)?
             }
         };
         if update.keep {
@@ -170,7 +205,7 @@ impl Trainer {
     /// How far the points were moved to take their noise off: the root of the mean square, in the unit of the input; 0
     /// if they were left alone (see [`Config::denoise`]).
     pub fn noise_removed(&self) -> f64 {
-        self.setup.noise_removed() * self.setup.normalizer.scale()
+        self.setup.noise_removed() * self.setup.frame.scale()
     }
 
     /// How often the run went back to a good state so far.
@@ -201,6 +236,7 @@ impl Trainer {
     fn finish_in_pool(self) -> Reconstruction {
         let Trainer { setup, state, .. } = self;
         let parameterized = coded::parameterized(&setup, &state);
+        let turned = setup.shape.as_ref().is_some_and(|shape| shape.turned);
         let found = match setup.shape {
             Some(shape) if setup.config.stages.is_empty() => FoundShape::new(shape.mesh).ok(),
             _ => None,
@@ -211,10 +247,11 @@ impl Trainer {
             coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),
             surface: parameterized.map_or_else(Vec::new, |p| p.surface),
             config: setup.config,
-            normalizer: setup.normalizer,
+            frame: setup.frame,
             cloud: setup.input,
             shape,
             finish,
+            turned,
             notices: Vec::new(),
         }
     }
@@ -236,18 +273,24 @@ fn current_band<'a>(
     state: &State,
     step: usize,
     band: &'a mut Option<ActiveBand>,
+    stop: Stop<'_>,
 ) -> Result<(&'a ActiveBand, bool), Error> {
     let resolution = setup.resolution_at(step);
     let current = band.take().filter(|b| b.resolution == resolution);
     let due = step.is_multiple_of(setup.config.band.refresh);
     let (current, searched) = match current {
         Some(current) if !due => (current, false),
-        _ => (find_band(setup, state, resolution)?, true),
+        _ => (find_band(setup, state, resolution, stop)?, true),
     };
     Ok((band.insert(current), searched))
 }
 
 /// The active part of a grid by the field of a state.
-pub(super) fn find_band(setup: &Setup, state: &State, resolution: usize) -> Result<ActiveBand, Error> {
-    ActiveBand::find(&state.field, &setup.cloud, resolution, setup.config.band.rings)
+pub(super) fn find_band(
+    setup: &Setup,
+    state: &State,
+    resolution: usize,
+    stop: Stop<'_>,
+) -> Result<ActiveBand, Error> {
+    ActiveBand::find(&state.field, &setup.cloud, resolution, setup.config.band.rings, stop)
 }

@@ -2,6 +2,7 @@
 
 use super::{GaussField, LeastBending, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
+use crate::geometry::vec3::dot;
 use crate::geometry::{
     CellSizes, NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, WORKING_CUBE, extract, extract_graded,
     nearest_points, sample_surface, spacing,
@@ -42,17 +43,22 @@ fn fine_enough(usual: usize, area: f64, n: usize) -> usize {
 /// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more, and from a finer one if it has little
 /// area for so many points ([`resolution_for_area`]).
 ///
-/// `radius`, `regularity` and `seed` are those of [`GaussField::fit`].
+/// `radius`, `regularity` and `seed` are those of [`GaussField::fit`]; with `normals` (n x 3) it is the surface of
+/// [`GaussField::of_normals`].
 ///
 /// # Errors
 /// [`NoSurface`](crate::ErrorKind::NoSurface) if the formula encloses nothing, and as [`GaussField::fit`].
 pub fn gauss_shape(
     points: &[[f32; 3]],
+    normals: Option<&[[f32; 3]]>,
     radius: f32,
     regularity: f64,
     seed: u64,
 ) -> Result<TriangleMesh, Error> {
-    let gauss = GaussField::fit(points, radius, regularity, seed)?;
+    let gauss = match normals {
+        Some(normals) => GaussField::of_normals(points, normals, radius, seed),
+        None => GaussField::fit(points, radius, regularity, seed)?,
+    };
     let surface = |resolution: usize| -> Result<TriangleMesh, Error> {
         let grid = TetGrid::working_frame(resolution)?;
         let options = NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
@@ -93,12 +99,13 @@ pub fn gauss_shape(
 #[track_caller]
 pub fn gauss_shapes(
     points: &[[f32; 3]],
+    normals: Option<&[[f32; 3]]>,
     radii: &[f32],
     regularity: f64,
     seed: u64,
 ) -> Result<Vec<TriangleMesh>, Error> {
     assert!(!radii.is_empty(), "gauss_shapes: no radius");
-    let attempt = |&radius: &f32| gauss_shape(points, radius, regularity, seed);
+    let attempt = |&radius: &f32| gauss_shape(points, normals, radius, regularity, seed);
     those_found(radii.par_iter().map(attempt).collect())
 }
 
@@ -167,8 +174,8 @@ const CELLS_BETWEEN_MANY: f64 = 1.5;
 
 /// Surfaces of least bending through `points` (n x 3, working frame), see [`LeastBending`], where points are near; one
 /// of the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
-/// surface's normals at the points are the first guess of theirs. One surface for each rough one, in their order,
-/// without those that cannot be extracted.
+/// surface's normals at the points are the first guess of theirs, or `normals` (n x 3) where these are given, not zero
+/// and on the same side. One surface for each rough one, in their order, without those that cannot be extracted.
 ///
 /// The surface of one plate is taken from a grid of 64 cubes a side, or a finer one where the rough one has little area
 /// for so many points ([`resolution_for_area`]); that of several from cells as fine as the points.
@@ -180,10 +187,23 @@ const CELLS_BETWEEN_MANY: f64 = 1.5;
 /// # Panics
 /// If there is no rough surface.
 #[track_caller]
-pub fn plate_shapes(points: &[[f32; 3]], rough: &[TriangleMesh]) -> Result<Vec<TriangleMesh>, Error> {
+pub fn plate_shapes(
+    points: &[[f32; 3]],
+    normals: Option<&[[f32; 3]]>,
+    rough: &[TriangleMesh],
+) -> Result<Vec<TriangleMesh>, Error> {
     assert!(!rough.is_empty(), "plate_shapes: no rough surface");
     let trees: Vec<TriangleBvh> = rough.iter().map(TriangleBvh::new).collect::<Result<_, _>>()?;
-    let guesses: Vec<Vec<[f32; 3]>> = trees.iter().map(|tree| tree.normals_near(points)).collect();
+    let guess = |tree: &TriangleBvh| {
+        let mut guess = tree.normals_near(points);
+        for (own, given) in guess.iter_mut().zip(normals.unwrap_or_default()) {
+            if dot(*own, *given) > 0.0 {
+                *own = *given;
+            }
+        }
+        guess
+    };
+    let guesses: Vec<Vec<[f32; 3]>> = trees.iter().map(guess).collect();
     let plates = LeastBending::fit_each(points, &guesses)?;
     let spacing = spacing(points);
     let many = points.len() >= MANY_POINTS;
@@ -237,8 +257,8 @@ mod tests {
         };
         let points: Vec<[f32; 3]> = plate(-0.1).chain(plate(0.1)).collect();
         let widths = [4.0, 0.5, 2.0];
-        let each = gauss_shapes(&points, &widths, 0.01, 0).unwrap();
-        assert!(each[1] == gauss_shape(&points, 0.5, 0.01, 0).unwrap());
+        let each = gauss_shapes(&points, None, &widths, 0.01, 0).unwrap();
+        assert!(each[1] == gauss_shape(&points, None, 0.5, 0.01, 0).unwrap());
         let best = best_fitting(&each, &points, 0).unwrap();
         let misfits = [0, 1, 2].map(|i| misfit(&each[i], &points, 0).unwrap());
         let least = (0..3).min_by(|&a, &b| misfits[a].total_cmp(&misfits[b])).unwrap();
@@ -250,7 +270,7 @@ mod tests {
     /// By the definition: every point against every triangle, every sample against every point.
     #[test]
     fn the_misfit_is_four_times_one_mean_distance_and_once_the_other() {
-        let mesh = gauss_shape(&Shape::Sphere { radius: 0.4 }.sample(60, 1).0, 0.5, 0.05, 0).unwrap();
+        let mesh = gauss_shape(&Shape::Sphere { radius: 0.4 }.sample(60, 1).0, None, 0.5, 0.05, 0).unwrap();
         let points = Shape::RoundedBox { half: [0.45, 0.3, 0.3], round: 0.05 }.sample(40, 2).0;
         let apart =
             |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| f64::from(a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
@@ -288,8 +308,8 @@ mod tests {
         let torus = Shape::Torus { major: 0.34, minor: 0.14 };
         let off = |n: usize| {
             let points = torus.sample(n, 3).0;
-            let rough = gauss_shapes(&points, &[0.5], 0.05, 0).unwrap();
-            let plate = plate_shapes(&points, &rough).unwrap().remove(0);
+            let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
+            let plate = plate_shapes(&points, None, &rough).unwrap().remove(0);
             let samples = sample_surface(&plate, 4000, 1).unwrap().points;
             samples.iter().map(|&x| f64::from(torus.sdf(x).abs())).sum::<f64>() / 4000.0
         };
@@ -303,8 +323,8 @@ mod tests {
     fn a_blade_comes_out_whole() {
         let blade = Shape::RoundedBox { half: [0.5, 0.05, 0.005], round: 0.002 };
         let points = blade.sample(600, 1).0;
-        let rough = gauss_shapes(&points, &[0.5], 0.05, 0).unwrap();
-        let plates = plate_shapes(&points, &rough).unwrap();
+        let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
+        let plates = plate_shapes(&points, None, &rough).unwrap();
         for (mesh, limit) in [(&rough[0], 0.003), (&plates[0], 0.002)] {
             let topology = mesh.topology();
             let off = TriangleBvh::new(mesh).unwrap().nearest_all(&points);
@@ -328,8 +348,8 @@ mod tests {
     fn the_plate_rules_near_the_points_and_the_rough_surface_elsewhere() {
         let dome: Vec<[f32; 3]> =
             fibonacci_sphere(240).into_iter().filter(|p| p[2] > 0.2).map(|p| p.map(|x| 0.45 * x)).collect();
-        let rough = gauss_shapes(&dome, &[0.5, 1.0], 0.05, 0).unwrap();
-        let plates = plate_shapes(&dome, &rough).unwrap();
+        let rough = gauss_shapes(&dome, None, &[0.5, 1.0], 0.05, 0).unwrap();
+        let plates = plate_shapes(&dome, None, &rough).unwrap();
         assert_eq!(plates.len(), 2);
         for (plate, rough) in plates.iter().zip(&rough) {
             let tree = TriangleBvh::new(rough).unwrap();

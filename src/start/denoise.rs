@@ -250,7 +250,7 @@ mod tests {
         // The bar needs smooth normals to begin with.
         for (shape, sigma, seed) in [(TORUS, 0.02, 7), (slab, 0.02, 7), (bar, 0.015, 8)] {
             let points = noisy(&shape.sample(300, 3).0, sigma, seed);
-            let rough = gauss_shapes(&points, &[0.25], 0.05, 0).unwrap();
+            let rough = gauss_shapes(&points, None, &[0.25], 0.05, 0).unwrap();
             let normals = TriangleBvh::new(&rough[0]).unwrap().normals_near(&points);
             let (before, after) =
                 (off(shape, &points), off(shape, &denoise(&points, &normals).unwrap().points));

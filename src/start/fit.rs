@@ -137,7 +137,7 @@ mod tests {
             radius: 0.35,
         };
         let mut field = Field::new(config, &mut Random::new(1));
-        let mesh = gauss_shape(&torus.sample(250, 2).0, 0.5, 0.05, 0).unwrap();
+        let mesh = gauss_shape(&torus.sample(250, 2).0, None, 0.5, 0.05, 0).unwrap();
         let fit = ShapeFit::new(&mesh, 0).unwrap();
         let (mut pass, mut adam) =
             (FieldPass::new(), Adam::new(field.params().values(), AdamOptions::default()));
@@ -155,7 +155,7 @@ mod tests {
 
     #[test]
     fn a_step_does_not_depend_on_the_steps_before_it() {
-        let mesh = gauss_shape(&Shape::Sphere { radius: 0.5 }.sample(60, 1).0, 0.5, 0.05, 0).unwrap();
+        let mesh = gauss_shape(&Shape::Sphere { radius: 0.5 }.sample(60, 1).0, None, 0.5, 0.05, 0).unwrap();
         let config = FieldConfig {
             width: 8,
             depth: 2,
@@ -177,7 +177,7 @@ mod tests {
     #[test]
     fn points_lie_as_close_as_the_surface_is_small() {
         let near = |radius: f64| {
-            let mesh = gauss_shape(&Shape::Sphere { radius }.sample(80, 1).0, 0.5, 0.05, 0).unwrap();
+            let mesh = gauss_shape(&Shape::Sphere { radius }.sample(80, 1).0, None, 0.5, 0.05, 0).unwrap();
             let fit = ShapeFit::new(&mesh, 3).unwrap();
             let close = fit.points.iter().enumerate().filter(|(i, _)| i % 2 == 0 && i % 5 != 4);
             let off: Vec<f32> = close.map(|(_, x)| fit.tree.signed_distance(*x).0.abs()).collect();

@@ -22,6 +22,12 @@ const CHUNK: usize = 512;
 /// Sources whose kernels are in memory at the same time while the system is built.
 const SLAB: usize = 128;
 
+/// The area that a point stands for, in squares of its spacing: of points spread at random, the seven nearest are on
+/// average 1.05 roots of that area away.
+const AREA: f64 = 0.91;
+/// The level of given normals at least.
+const LEAST_LEVEL: f32 = 0.25;
+
 /// The indicator of a shape as a sum of dipoles at its points.
 #[derive(Clone, Debug)]
 pub struct GaussField {
@@ -42,6 +48,41 @@ impl GaussField {
     /// [`ErrorKind::Data`] if the system cannot be solved, as for points that all coincide.
     pub fn fit(points: &[[f32; 3]], radius: f32, regularity: f64, seed: u64) -> Result<Self, Error> {
         Self::fit_thinned(points, radius, regularity, seed, MAX_SOURCES)
+    }
+
+    /// The dipoles of given `normals` (n x 3, outward, of unit length or zero for none) at `points` (n x 3, working
+    /// frame), each as strong as the area that its point stands for; nothing is solved for.
+    ///
+    /// Such a chi jumps by 1 over the points, from about 1/2 less to 1/2 more than its value at them: 1/2 on a closed
+    /// surface, so that chi is 1 inside, and 0 on a sheet that is open on all sides. The level goes between: at that
+    /// value, but not below 1/4, as chi vanishes far away and a surface at level 0 would not end.
+    ///
+    /// `radius` and `seed` are as in [`fit`](Self::fit).
+    pub fn of_normals(points: &[[f32; 3]], normals: &[[f32; 3]], radius: f32, seed: u64) -> Self {
+        if points.len() > MAX_SOURCES {
+            let chosen = farthest_point_sample(points, MAX_SOURCES, seed);
+            let of = |all: &[[f32; 3]]| chosen.iter().map(|&i| all[i as usize]).collect::<Vec<_>>();
+            return Self::of_normals(&of(points), &of(normals), radius, seed);
+        }
+        let spacing = spacing(points);
+        let column = |f: &dyn Fn(usize) -> f64| (0..points.len()).map(|j| f(j) as f32).collect::<Vec<f32>>();
+        let sources = std::array::from_fn(|c| match c {
+            0..=2 => column(&|j| f64::from(points[j][c])),
+            3 => column(&|j| (f64::from(radius) * spacing[j]).max(MIN_RADIUS)),
+            _ => column(&|j| AREA * spacing[j] * spacing[j] * f64::from(normals[j][c - 4])),
+        });
+        let field = GaussField { sources, level: 0.0 };
+        GaussField { level: field.at_points().clamp(LEAST_LEVEL, 0.5), ..field }
+    }
+
+    /// chi at the points that the dipoles are at, the median: with given normals about 1/2 if they are those of a
+    /// closed surface, -1/2 if these point inward, and 0 for an open sheet.
+    pub fn at_points(&self) -> f32 {
+        let points: Vec<[f32; 3]> =
+            (0..self.sources[0].len()).map(|j| [0, 1, 2].map(|c| self.sources[c][j])).collect();
+        let mut values = self.value(&points);
+        values.sort_by(f32::total_cmp);
+        self.level - values[values.len() / 2]
     }
 
     fn fit_thinned(
@@ -100,12 +141,9 @@ impl GaussField {
             3 => column(&|j| widths[j] as f32),
             _ => column(&|j| mu[j][c - 4] as f32),
         });
-        let mut field = GaussField { sources, level: 0.0 };
+        let field = GaussField { sources, level: 0.0 };
         // The level that runs through the middle of the points; regularisation lets it sink below 1/2.
-        let mut values = field.value(points);
-        values.sort_by(f32::total_cmp);
-        field.level = -values[n / 2];
-        Ok(field)
+        Ok(GaussField { level: field.at_points(), ..field })
     }
 
     /// level - chi(x) for every point (n x 3): negative inside, zero on the guessed surface. Not a distance.
@@ -185,7 +223,7 @@ kernel! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::fibonacci_sphere;
+    use crate::geometry::{Shape, fibonacci_sphere};
     use crate::simd::testing::{rows, same_at_all};
     use nalgebra::{DMatrix, DVector};
     use proptest::prelude::*;
@@ -257,6 +295,28 @@ mod tests {
                 assert!((chi - want).abs() < 1e-3 * want.abs().max(0.1), "{n} points: {chi} is not {want}");
             }
         }
+    }
+
+    #[test]
+    fn given_normals_make_the_indicator_of_their_body() {
+        let (points, sphere) = Shape::Sphere { radius: 0.5 }.sample(1200, 1);
+        let chi = |field: &GaussField, x: [f32; 3]| field.level - field.value(&[x])[0];
+        let field = GaussField::of_normals(&points, &sphere, 0.5, 0);
+        assert!((field.level - 0.5).abs() < 0.1 && (field.at_points() - 0.5).abs() < 0.1, "{}", field.level);
+        for (x, want) in [([0.0; 3], 1.0), ([0.2, 0.1, -0.3], 1.0), ([0.4, 0.4, 0.4], 0.0), ([5.0; 3], 0.0)] {
+            let chi = chi(&field, x);
+            assert!((chi - want).abs() < 0.1, "{chi} at {x:?}");
+        }
+        let inward: Vec<[f32; 3]> = sphere.iter().map(|n| n.map(|x| -x)).collect();
+        assert!((GaussField::of_normals(&points, &inward, 0.5, 0).at_points() + 0.5).abs() < 0.1);
+        // Above the middle of half of it all the normals are seen under half of the whole solid angle.
+        let upper: Vec<usize> = (0..points.len()).filter(|&i| points[i][2] > 0.0).collect();
+        let of = |all: &[[f32; 3]]| upper.iter().map(|&i| all[i]).collect::<Vec<_>>();
+        let half = GaussField::of_normals(&of(&points), &of(&sphere), 0.5, 0);
+        assert!((chi(&half, [0.0; 3]) - 0.5).abs() < 0.1);
+        // Without a normal there is no dipole.
+        let none = GaussField::of_normals(&points, &vec![[0.0; 3]; points.len()], 0.5, 0);
+        assert_eq!((none.at_points(), none.level), (0.0, LEAST_LEVEL));
     }
 
     #[test]

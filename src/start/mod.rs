@@ -12,6 +12,7 @@ mod outliers;
 mod plate;
 mod resolution;
 mod sampling;
+mod sides;
 
 #[cfg(test)]
 pub(crate) use candidates::gauss_shape;
@@ -22,4 +23,5 @@ pub(crate) use gauss::GaussField;
 pub(crate) use least_bending::{LeastBending, MAX_PLATE_POINTS};
 pub use outliers::{Suspicion, find_outliers};
 pub(crate) use resolution::{USUAL_AREA, resolution_for_area};
-pub use sampling::Sampling;
+pub use sampling::{Sampling, Uneven};
+pub use sides::{contradicting, facing};

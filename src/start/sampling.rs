@@ -1,5 +1,6 @@
 //! What kind of sampling points are: of a surface, of curves, of a volume, of parts far apart.
 
+use crate::geometry::vec3::{dot, sub};
 use crate::geometry::{KdTree, Normalizer, Position};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
@@ -19,6 +20,19 @@ pub struct Sampling {
     /// The sizes of the parts that lie apart by more than six times the usual distance of neighbours, those of at least
     /// a twentieth of the points, largest first.
     pub parts: Vec<usize>,
+    /// If the points lie in slices across an axis, or on lines along one, that are more than five times as far apart as
+    /// the points on them.
+    pub uneven: Option<Uneven>,
+}
+
+/// How unevenly points lie; see [`Sampling::uneven`].
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Uneven {
+    /// The gap between slices or lines, of the distance between neighbours on them.
+    pub ratio: f64,
+    /// Factors for the axes that make the points more even, as
+    /// [`Hints::anisotropy`](crate::reconstruct::Hints::anisotropy) takes them.
+    pub anisotropy: [f64; 3],
 }
 
 /// Neighbours that a neighbourhood is measured by: near ones for curves, more for volumes.
@@ -31,6 +45,12 @@ const MIN_VOLUME_EXTENT: f64 = 0.5;
 const MIN_POINTS_OF_A_KIND: usize = 100;
 /// Usual distances of neighbours that separate parts, and the share of the points that makes a part.
 const PARTS: (f64, f64) = (6.0, 0.05);
+
+/// The gap between slices, of the spacing on them, above which they are too far apart.
+const UNEVEN: f64 = 5.0;
+/// The median cosine between an axis and the ways to near neighbours: at most for slices across it, at least for lines
+/// along it.
+const AXIS: [f64; 2] = [0.15, 0.95];
 
 impl Sampling {
     /// Looks at the neighbourhoods of points (n x 3, distinct, any frame); nothing can be told of fewer than 20.
@@ -69,9 +89,48 @@ impl Sampling {
             on_curves: n >= MIN_POINTS_OF_A_KIND
                 && share(&few, 1) < MAX_CURVE_EXTENTS[0]
                 && share(&more, 1) < MAX_CURVE_EXTENTS[1],
+            uneven: uneven(&unit, &near, k),
             parts: parts(&tree, &unit, (PARTS.0 * reach) as f32),
         }
     }
+}
+
+/// Whether points (n x 3), each with its `k` nearest in a row of `near` (itself first), lie in slices or on lines that
+/// are far apart.
+fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven> {
+    let median = |mut values: Vec<f64>| {
+        values.sort_by(f64::total_cmp);
+        values[values.len() / 2]
+    };
+    let ways: Vec<([f64; 3], f64)> = near
+        .chunks_exact(k)
+        .map(|row| {
+            let way = sub(unit[row[1] as usize], unit[row[0] as usize]).map(f64::from);
+            let len = dot(way, way).sqrt();
+            (way.map(|x| x.abs() / len.max(f64::MIN_POSITIVE)), len)
+        })
+        .collect();
+    let along = median(ways.iter().map(|(_, len)| *len).collect());
+    let cosines = [0, 1, 2].map(|a| median(ways.iter().map(|(way, _)| way[a]).collect()));
+    // The median gap between levels of an axis, if gaps that no spacing explains make up most of its length.
+    let gap = |axis: usize| {
+        let mut levels: Vec<f64> = unit.iter().map(|p| f64::from(p[axis])).collect();
+        levels.sort_by(f64::total_cmp);
+        let steps: Vec<f64> = levels.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 2.0 * along).collect();
+        let length = levels[levels.len() - 1] - levels[0];
+        (steps.len() > 1 && steps.iter().sum::<f64>() > 0.6 * length).then(|| median(steps) / along)
+    };
+    let far = |ratio: &f64| *ratio > UNEVEN;
+    let slices = (0..3).filter(|&a| cosines[a] < AXIS[0]).find_map(|a| Some((a, gap(a).filter(far)?)));
+    let mut anisotropy = [1.0; 3];
+    if let Some(line) = (0..3).find(|&a| cosines[a] > AXIS[1]) {
+        let ratio = (0..3).filter(|&a| a != line).find_map(|a| gap(a).filter(far))?;
+        anisotropy[line] = UNEVEN;
+        return Some(Uneven { ratio, anisotropy });
+    }
+    let (axis, ratio) = slices?;
+    anisotropy[axis] = 1.0 / UNEVEN;
+    Some(Uneven { ratio, anisotropy })
 }
 
 /// The extents of points along their principal axes, largest first (roots of the variances).
@@ -122,6 +181,7 @@ mod tests {
             for n in [20, 150, 1000] {
                 let seen = Sampling::of(&shape.sample(n, 1).0);
                 assert!(!seen.fills_volume && !seen.on_curves, "{name} {n}: {seen:?}");
+                assert_eq!(seen.uneven, None, "{name} {n}");
             }
         }
         // Rings of a tube.
@@ -132,6 +192,20 @@ mod tests {
         let rings: Vec<[f32; 3]> = (0..500).map(ring).collect();
         let seen = Sampling::of(&rings);
         assert!(seen.on_curves && !seen.fills_volume && seen.parts == [100; 5], "{seen:?}");
+        let uneven = seen.uneven.unwrap();
+        assert!((uneven.ratio - 0.7 / 0.0628).abs() < 0.2, "{uneven:?}");
+        assert_eq!(uneven.anisotropy, [1.0, 1.0, 0.2]);
+        // Closer together they are even enough.
+        let close: Vec<[f32; 3]> = rings.iter().map(|p| [p[0], p[1], 0.3 * p[2]]).collect();
+        assert_eq!(Sampling::of(&close).uneven, None);
+        // Lines along y over hilly ground, measured as a ship does.
+        let line = |i: usize| {
+            let (x, y) = ((i / 100) as f32 + 0.02 * (7.0 * i as f32).sin(), 0.1 * (i % 100) as f32);
+            [x, y, 0.4 * (0.6 * x).sin() * (0.5 * y).cos()]
+        };
+        let lines: Vec<[f32; 3]> = (0..1000).map(line).collect();
+        let uneven = Sampling::of(&lines).uneven.unwrap();
+        assert!(uneven.ratio > 7.0 && uneven.anisotropy == [1.0, 5.0, 1.0], "{uneven:?}");
         // A ball filled in a spiral whose steps have no period.
         let inside = |i: usize| {
             let (a, b, r) = (2.4 * i as f32, (1.3 * i as f32).sin(), ((i % 83) as f32 / 83.0).cbrt());

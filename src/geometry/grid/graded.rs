@@ -78,7 +78,7 @@ impl CellSizes {
     #[track_caller]
     pub fn of_surface(points: &[[f32; 3]], cells: f64) -> Self {
         let even = evened(points);
-        let points = even.as_deref().unwrap_or(points);
+        let points = even.as_ref().map_or(points, |even| &even.points[..]);
         let sides: Vec<f64> = spacing(points).into_iter().map(|s| (s / cells).max(MIN_SIDE)).collect();
         CellSizes::near(points, &sides)
     }

@@ -2,6 +2,7 @@
 
 use super::super::text::show;
 use super::bad_header;
+use crate::geometry::Number as Kept;
 use crate::{Error, ErrorKind};
 
 /// What the header says.
@@ -22,6 +23,21 @@ pub(super) struct Field {
 }
 
 impl Field {
+    /// The type that its values have among the attributes of points: halves become floats of 32 bits, whole numbers of
+    /// 64 bits floats.
+    pub fn kept_as(&self) -> Kept {
+        match (self.number.kind, self.number.size) {
+            (b'f', 2 | 4) => Kept::F32,
+            (b'i', 1) => Kept::I8,
+            (b'u', 1) => Kept::U8,
+            (b'i', 2) => Kept::I16,
+            (b'u', 2) => Kept::U16,
+            (b'i', 4) => Kept::I32,
+            (b'u', 4) => Kept::U32,
+            _ => Kept::F64,
+        }
+    }
+
     /// The number at the beginning of `bytes`.
     pub fn read(&self, bytes: &[u8]) -> f64 {
         self.number.read(bytes)

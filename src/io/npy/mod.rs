@@ -7,6 +7,7 @@ use super::doubt::Evidence;
 use super::options::{Columns, ReadOptions};
 use super::text::show;
 use super::{Loaded, Want, check_point};
+use crate::geometry::{Attribute, COLOUR};
 use crate::{Error, ErrorKind};
 
 mod header;
@@ -14,6 +15,8 @@ mod header;
 use header::Header;
 
 pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+/// Attributes that are read of an array at most.
+const MAX_ATTRIBUTES: usize = 64;
 
 /// Reads n x 3 points.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
@@ -41,6 +44,15 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
     let doubted = layout.guessed && options.columns.is_none() && !options.assume;
     let mut evidence = Evidence::default();
     loaded.verts.reserve_exact(layout.points);
+    let more = if want == Want::Attributes { layout.others(&header) } else { Vec::new() };
+    loaded.attributes = more
+        .iter()
+        .map(|&(column, field)| {
+            let field = &header.fields[field];
+            let name = field.name.clone().unwrap_or_else(|| format!("column_{}", column + 1));
+            Attribute { name, number: field.kept_as(), values: Vec::with_capacity(layout.points) }
+        })
+        .collect();
     for i in 0..layout.points {
         if doubted && evidence.wants_more() {
             let all =
@@ -54,21 +66,66 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         }
         check_point(point, want, "point", i)?;
         loaded.verts.push(point);
+        for (attribute, &(column, field)) in loaded.attributes.iter_mut().zip(&more) {
+            let field = &header.fields[field];
+            attribute.values.push(field.read(&data[layout.at(i, column) * header.item + field.offset..]));
+        }
     }
     if let Some(doubt) = doubted.then(|| evidence.doubt()).flatten() {
         return Err(doubt.stop());
     }
 
-    match layout.columns.saturating_sub(3) {
+    let named = header.fields.len() > 1;
+    let noun = if named { "field" } else { "column" };
+    match layout.columns.max(header.fields.len()).saturating_sub(3 + more.len()) {
         0 => {}
-        1 => loaded.notices.push("ignored 1 extra column".to_string()),
-        extra => loaded.notices.push(format!("ignored {extra} extra columns")),
+        1 => loaded.notices.push(format!("ignored 1 extra {noun}")),
+        extra => loaded.notices.push(format!("ignored {extra} extra {noun}s")),
     }
     let tail = data.len() as u64 - needed;
     if tail > 0 {
         loaded.notices.push(format!("ignored {tail} bytes behind the array"));
     }
     Ok(loaded)
+}
+
+/// An array of other things than points, in columns: its rows, and each column, named after the array.
+///
+/// # Errors
+///
+/// As [`read`]; for an array of one axis or two only, of at most 64 columns.
+pub(super) fn columns(bytes: &[u8], name: &str) -> Result<Vec<Attribute>, Error> {
+    let (header, data) = split(bytes)?;
+    let header = Header::parse(header)?;
+    let (rows, width) = match header.shape[..] {
+        [rows] => (rows, 1),
+        [rows, width] => (rows, width),
+        _ => return Err(bad_header("neither one axis nor two".to_string())),
+    };
+    let needed = rows.checked_mul(width).and_then(|n| n.checked_mul(header.item as u64));
+    let held = needed.is_some_and(|bytes| bytes <= data.len() as u64);
+    if !held || (width as usize).saturating_mul(header.fields.len()) > MAX_ATTRIBUTES {
+        return Err(bad_header("cut short, or of very many columns".to_string()));
+    }
+    let (rows, width) = (rows as usize, width as usize);
+    let colour = width == 3 && ["rgb", "color", "colors", "colour", "colours"].contains(&name);
+    let parts: &[&str] = if colour { &COLOUR } else { &[] };
+    let mut all = Vec::new();
+    for column in 0..width {
+        for field in &header.fields {
+            let at = |row: usize| if header.fortran { column * rows + row } else { row * width + column };
+            let value = |row: usize| field.read(&data[at(row) * header.item + field.offset..]);
+            let name = match (&field.name, parts.get(column)) {
+                (Some(field), _) => format!("{name}.{field}"),
+                (None, Some(part)) => part.to_string(),
+                (None, None) if width == 1 => name.to_string(),
+                (None, None) => format!("{name}_{}", column + 1),
+            };
+            let values = (0..rows).map(value).collect();
+            all.push(Attribute { name, number: field.kept_as(), values });
+        }
+    }
+    Ok(all)
 }
 
 /// Where the numbers of a point are.
@@ -88,6 +145,13 @@ struct Layout {
 }
 
 impl Layout {
+    /// Columns and fields beside those of x, y and z.
+    fn others(&self, header: &Header) -> Vec<(usize, usize)> {
+        let pairs = (0..self.columns).flat_map(|column| (0..header.fields.len()).map(move |f| (column, f)));
+        let own: Vec<(usize, usize)> = self.column.into_iter().zip(self.field).collect();
+        pairs.filter(|pair| !own.contains(pair)).take(MAX_ATTRIBUTES).collect()
+    }
+
     fn at(&self, point: usize, column: usize) -> usize {
         let place = match self.width {
             0 => point * self.point_step,
@@ -126,10 +190,6 @@ impl Layout {
         if header.fields.len() > 1 || header.fields[0].name.is_some() {
             // Rows with named fields; their order in memory does not matter.
             layout.field = named(header, options)?;
-            let unused = header.fields.len().saturating_sub(3);
-            if unused > 0 {
-                loaded.notices.push(format!("ignored {unused} extra fields"));
-            }
             return Ok(layout);
         }
         layout.field = [0; 3];
@@ -355,7 +415,7 @@ pub(super) mod tests {
         let loaded = plain(&file(1, header, &row)).unwrap();
         assert_eq!(
             (loaded.verts, loaded.notices[0].as_str()),
-            (vec![[1.0, 2.0, 3.0]], "ignored 1 extra fields")
+            (vec![[1.0, 2.0, 3.0]], "ignored 1 extra field")
         );
     }
 

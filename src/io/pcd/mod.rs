@@ -134,8 +134,11 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     if extra > 0 {
         loaded.notices.push(format!("ignored {extra} extra fields"));
     }
-    if header.viewpoint.is_some_and(|v| v != [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) {
+    if let Some(v) = header.viewpoint.filter(|v| v[..] != [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) {
         loaded.notices.push("the viewpoint was not applied; the points are as the file has them".into());
+        // At 0 0 0 it is where every program puts it that knows none.
+        let place = v.first_chunk::<3>().copied();
+        loaded.viewpoints.extend(place.filter(|p| *p != [0.0; 3] && p.iter().all(|x| x.is_finite())));
     }
     if header.organised {
         loaded.notices.push("the points are rows and columns of an image".into());

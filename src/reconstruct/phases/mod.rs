@@ -100,6 +100,17 @@ pub(super) fn diverged(message: impl Into<String>) -> Error {
     Error::new(ErrorKind::Diverged, message)
 }
 
+/// Whether to give a step up, asked between its parts.
+pub(super) type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
+
+/// The end of a step that is given up.
+///
+/// # Errors
+/// [`ErrorKind::Cancelled`] if `stop` says so.
+pub(super) fn go_on(stop: Stop<'_>) -> Result<(), Error> {
+    if stop() { Err(Error::new(ErrorKind::Cancelled, "the step was given up")) } else { Ok(()) }
+}
+
 /// Refuses coordinates that neighbour searches cannot take.
 pub(super) fn check_near(what: &str, points: &[f32]) -> Result<(), Error> {
     // Written so that NaN is refused.

@@ -2,7 +2,9 @@
 //! marching tetrahedra take the surface from them, and the loss draws it to S and Q (equation 7).
 
 use super::pretrain::{forward_map, para_term};
-use super::{ParamGradients, StepReport, Update, Workspace, check_gradients, check_near, diverged};
+use super::{
+    ParamGradients, StepReport, Stop, Update, Workspace, check_gradients, check_near, diverged, go_on,
+};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::SurfaceMap;
 use crate::error::{Error, ErrorKind};
@@ -58,17 +60,22 @@ pub(in crate::reconstruct) fn lower_to_points(setup: &Setup, state: &mut State) 
 /// gradients.
 ///
 /// # Errors
-/// [`ErrorKind::Diverged`] if something is not finite or far away, [`ErrorKind::NoSurface`] if the surface is gone.
+/// [`ErrorKind::Diverged`] if something is not finite or far away, [`ErrorKind::NoSurface`] if the surface is gone,
+/// [`ErrorKind::Cancelled`] if `stop` says so between two parts.
 pub(in crate::reconstruct) fn step(
     at: &TrainStep<'_>,
     work: &mut Workspace,
     searched: bool,
     rate_factor: f32,
+    stop: Stop<'_>,
 ) -> Result<Update, Error> {
     let seen = at.seen();
+    go_on(stop)?;
     let sampled = at.sample_field(&seen, work)?;
     at.march(&sampled, &mut work.iso)?;
+    go_on(stop)?;
     let recorded = at.record(&sampled, &seen, work)?;
+    go_on(stop)?;
     let (mut field, map) = at.pull_back(&recorded, &sampled, work);
     let config = &at.setup.config;
     let gradient_norm = match config.clip {

@@ -6,14 +6,15 @@ use super::options as saved_options;
 use super::params::read_params;
 use super::store::{Store, damaged};
 use crate::error::{Error, ErrorKind};
-use crate::geometry::Position;
+use crate::geometry::{Position, widened};
 use crate::nn::Params;
 use crate::optim::Adam;
 use crate::reconstruct::bridges::Bridges;
+use crate::reconstruct::frame::Frame;
 use crate::reconstruct::setup::prepare;
 use crate::reconstruct::state::{State, fresh_adam};
 use crate::reconstruct::trainer::{MAX_RECOVERIES, find_band};
-use crate::reconstruct::{Config, Phase, Trainer};
+use crate::reconstruct::{Config, Hints, Phase, Trainer};
 use crate::tensor::Tensor;
 use std::path::Path;
 
@@ -44,8 +45,25 @@ impl Trainer {
         points: &[P],
         config: &Config,
     ) -> Result<Trainer, Error> {
+        Self::resume_with_hints(path, points, config, &Hints::default())
+    }
+
+    /// The same for a run that was started with [hints](Trainer::with_hints), which must be the same again.
+    ///
+    /// # Errors
+    /// As [`resume`](Self::resume).
+    ///
+    /// # Panics
+    /// As [`Trainer::with_hints`].
+    #[track_caller]
+    pub fn resume_with_hints<P: Position>(
+        path: impl AsRef<Path>,
+        points: &[P],
+        config: &Config,
+        hints: &Hints<'_>,
+    ) -> Result<Trainer, Error> {
         let path = path.as_ref();
-        let mut prepared = prepare(points, config)?;
+        let mut prepared = prepare(points, config, hints)?;
         let store = Store::read(path)?;
         let resume = || -> Result<Trainer, Error> {
             let version = CHECKPOINT.check(&store)?;
@@ -54,11 +72,32 @@ impl Trainer {
             if cloud != saved_cloud::fingerprint(&prepared.input) {
                 // Earlier versions rounded every cloud to 32 bits.
                 let rounded: Vec<[f32; 3]> = points.iter().map(|p| Position::of_wide(p.wide())).collect();
-                prepared = prepare(&rounded, config)?;
+                prepared = prepare(&rounded, config, hints)?;
                 if cloud != saved_cloud::fingerprint(&prepared.input) {
                     return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
                         .advise("resume with the points that the run was started with"));
                 }
+            }
+            let stretch = stretched(&prepared.frame);
+            if store.get(STRETCH).ok() != stretch.as_deref() {
+                let message = match store.get(STRETCH) {
+                    Ok(factors) => format!("its axes were stretched by {factors}"),
+                    Err(_) => "its axes were not stretched".to_string(),
+                };
+                return Err(Error::new(ErrorKind::Checkpoint, message)
+                    .advise("resume with the same anisotropy as the run was started with"));
+            }
+            let normals = prepared.normals.as_deref().map(fingerprint_of_normals);
+            let advice = match (store.get(NORMALS).ok(), normals.as_deref()) {
+                (then, now) if then == now => None,
+                (Some(_), None) => Some("it was started with normals or an origin; give them again"),
+                (None, Some(_)) => {
+                    Some("it was started without normals and without an origin; leave them out")
+                }
+                _ => Some("it was started with other normals or another origin; give those again"),
+            };
+            if let Some(advice) = advice {
+                return Err(Error::new(ErrorKind::Checkpoint, "its points had other sides").advise(advice));
             }
             let mut trainer = Trainer::from_prepared(prepared)?;
             let mut expected = trainer.to_store().tensors;
@@ -80,7 +119,7 @@ impl Trainer {
             if let (true, (Phase::Train, step)) = (now.step > good.step, trainer.config().phase_at(good.step))
             {
                 let resolution = trainer.setup.resolution_at(step);
-                trainer.band = Some(find_band(&trainer.setup, &good, resolution)?);
+                trainer.band = Some(find_band(&trainer.setup, &good, resolution, &|| false)?);
             }
             (trainer.state, trainer.good) = (now, good);
             Ok(trainer)
@@ -93,11 +132,31 @@ impl Trainer {
         CHECKPOINT.put(&mut store);
         saved_options::put(&mut store, &self.setup.config);
         store.put("cloud", saved_cloud::fingerprint(&self.setup.input));
+        if let Some(stretch) = stretched(&self.setup.frame) {
+            store.put(STRETCH, stretch);
+        }
+        if let Some(normals) = &self.setup.normals {
+            store.put(NORMALS, fingerprint_of_normals(normals));
+        }
         store.put("recoveries", self.recoveries);
         put_state(&mut store, "now", &self.state);
         put_state(&mut store, "good", &self.good);
         store
     }
+}
+
+/// The fingerprint of given normals.
+const NORMALS: &str = "normals";
+
+/// What the axes were stretched by, if they were.
+const STRETCH: &str = "anisotropy";
+
+fn stretched(frame: &Frame) -> Option<String> {
+    (!frame.is_plain()).then(|| frame.stretch().map(|x| x.to_string()).join(" "))
+}
+
+fn fingerprint_of_normals(normals: &[[f32; 3]]) -> String {
+    saved_cloud::fingerprint(&widened(normals))
 }
 
 /// Options that say nothing about the training and may be others when it goes on.

@@ -9,6 +9,7 @@ use crate::error::Error;
 use crate::geometry::{Normalizer, TriangleMesh};
 use crate::random::Random;
 use crate::reconstruct::Reconstruction;
+use crate::reconstruct::frame::Frame;
 use crate::reconstruct::phases::MAX_COORDINATE;
 use crate::reconstruct::result::{FinalShape, FoundShape};
 use crate::reconstruct::setup::initial_field;
@@ -18,6 +19,10 @@ use std::path::Path;
 
 /// Vertices and faces (as numbers) of a result that is the first shape itself; each n x 3.
 const FOUND: [&str; 2] = ["shape.verts", "shape.faces"];
+/// There for a result that was found with stretched axes.
+const STRETCH: &str = "anisotropy";
+/// There for a result that is negative around its mesh.
+const TURNED: &str = "turned";
 /// Points that a result is finished for, n x 3: those of the cloud without their noise.
 const FINISH: &str = "finish.points";
 
@@ -42,8 +47,14 @@ impl Reconstruction {
         let mut store = Store::default();
         RECONSTRUCTION.put(&mut store);
         saved_options::put(&mut store, &self.config);
-        let frame = self.normalizer.to_array().map(|v| format!("{:016x}", v.to_bits()));
+        let frame = self.frame.normalizer().to_array().map(|v| format!("{:016x}", v.to_bits()));
         store.put("frame", frame.join(" "));
+        if !self.frame.is_plain() {
+            store.put(STRETCH, self.frame.stretch().map(|v| v.to_string()).join(" "));
+        }
+        if self.turned {
+            store.put(TURNED, true);
+        }
         match &self.shape {
             FinalShape::Learned(field) => {
                 for (_, name, value) in field.params().iter() {
@@ -95,6 +106,16 @@ impl Reconstruction {
         let frame = frame.ok_or_else(|| damaged("its frame is not four numbers"))?;
         let normalizer = Normalizer::from_array(frame.map(f64::from_bits))
             .map_err(|e| damaged("its frame cannot be used").caused_by(e))?;
+        let stretch: Vec<f64> = match store.get(STRETCH) {
+            Ok(text) => text.split(' ').filter_map(|v| v.parse().ok()).collect(),
+            Err(_) => vec![1.0; 3],
+        };
+        let stretch: Option<[f64; 3]> = stretch.try_into().ok();
+        let stretch = stretch.filter(|s| s.iter().all(|x| (1e-6..=1e6).contains(x)));
+        let frame = Frame::of_parts(
+            normalizer,
+            stretch.ok_or_else(|| damaged("its axes are not stretched by three factors"))?,
+        );
 
         let mut field = initial_field(&config, &mut Random::new(config.seed));
         let found = store.tensors.contains_key(FOUND[0]).then_some(FOUND);
@@ -124,7 +145,9 @@ impl Reconstruction {
             Some(_) => return Err(damaged("the points that it is finished for are not finite")),
             None => None,
         };
-        Ok(Reconstruction { config, normalizer, cloud, shape, finish, surface, coverage: None, notices })
+        let turned = store.get(TURNED).is_ok();
+        let coverage = None;
+        Ok(Reconstruction { config, frame, cloud, shape, finish, surface, coverage, turned, notices })
     }
 }
 

@@ -51,7 +51,8 @@ fn parts(trainer: &mut Trainer) -> (TrainStep<'_>, &mut Workspace) {
 
 /// Searches for the band on a grid of 8 cubes.
 fn find_band(trainer: &mut Trainer) {
-    trainer.band = Some(super::super::trainer::find_band(&trainer.setup, &trainer.state, 8).unwrap());
+    trainer.band =
+        Some(super::super::trainer::find_band(&trainer.setup, &trainer.state, 8, &|| false).unwrap());
 }
 
 /// The loss of the trainer's step with the topology of an earlier call of `march`.

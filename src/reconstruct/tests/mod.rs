@@ -1,11 +1,13 @@
 //! Tests of the whole training, and the small clouds and options that they share.
 
 pub(super) mod ablations;
+mod anisotropy;
 mod coordinates;
 mod gradients;
 mod recovery;
 mod run;
 mod shapes;
+mod sides;
 mod trace;
 
 use super::*;

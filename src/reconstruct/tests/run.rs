@@ -197,7 +197,7 @@ fn scaled_clouds_use_windows_and_blocks() {
         let Trainer { setup, state, .. } = &trainer;
         let (_, step) = setup.config.phase_at(state.step);
         let resolution = setup.resolution_at(step);
-        let band = trainer::find_band(setup, state, resolution).unwrap();
+        let band = trainer::find_band(setup, state, resolution, &|| false).unwrap();
         for row in phases::train::TrainStep::new(setup, state, &band, step).seen().rows {
             seen[row as usize] += 1;
         }
@@ -223,4 +223,33 @@ fn only_clouds_beyond_a_batch_are_thinned() {
     assert_eq!(Trainer::new(&points, &config).unwrap().setup.cloud.len(), 401);
     let result = trainer.finish();
     assert_eq!((result.cloud().len(), result.surface_points().len()), (401, 4 * kept));
+}
+
+/// Given up at each of its questions, a step leaves everything as it was.
+#[test]
+fn a_step_that_is_given_up_has_not_begun() {
+    use std::sync::atomic::{AtomicUsize, Ordering};
+    let points = ball(70);
+    let mut config = tiny();
+    config.weights.bridge = 1.0;
+    let straight = bits(&run(&points, &config));
+    let mut trainer = trainer::Trainer::new(&points, &config).unwrap();
+    let (mut asked_most, mut given_up) = (0, 0);
+    while !trainer.is_done() {
+        let steps = trainer.steps_done();
+        // At the first question, then at the second, until there are no more.
+        for last in 0.. {
+            let asked = AtomicUsize::new(0);
+            let stop = || asked.fetch_add(1, Ordering::Relaxed) == last;
+            if trainer.step_unless(&stop).unwrap().is_some() {
+                asked_most = asked_most.max(asked.into_inner());
+                break;
+            }
+            given_up += 1;
+            assert_eq!(trainer.steps_done(), steps);
+        }
+    }
+    // The searches for the surface ask before each part of the grid, a step between three parts.
+    assert!(asked_most > 3 && given_up > 30, "{asked_most} {given_up}");
+    assert!(bits(&trainer.finish()) == straight);
 }

@@ -82,7 +82,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
         let mean = cloud.iter().map(radius).sum::<f32>() / cloud.len() as f32;
         cloud.iter().map(|p| (radius(p) - mean).abs()).sum::<f32>() / cloud.len() as f32
     };
-    let given = trainer.setup.normalizer.forward(&points);
+    let given = trainer.setup.frame.forward(&points);
     assert!(off(&trainer.setup.cloud) < 0.8 * off(&given), "{} {}", off(&trainer.setup.cloud), off(&given));
     let mut finest = 0;
     while !trainer.is_done() {
