@@ -35,8 +35,8 @@ pub(crate) struct EvenCloud {
 }
 
 impl EvenCloud {
-    /// The mean direction of each group (m x 3), from those of all points (n x 3); of unit length, or that of one of its
-    /// points where they cancel.
+    /// The mean direction of each group (m x 3), from those of all points (n x 3); of unit length, or that of one of
+    /// its points where they cancel.
     ///
     /// # Panics
     /// If there is not one direction a point of the cloud.
@@ -89,7 +89,7 @@ pub(crate) fn evened(points: &[[f32; 3]]) -> Option<EvenCloud> {
 pub(crate) fn surface_spacing(points: &[[f32; 3]]) -> Vec<f64> {
     let mut spacing = disc_spacing(points);
     if let Some(filled) = lined_cells(points, &spacing) {
-        let of = |step: Option<i32>| step.map_or(0.0, |step| side(step));
+        let of = |step: Option<i32>| step.map_or(0.0, side);
         spacing.iter_mut().zip(filled).for_each(|(spacing, step)| *spacing = spacing.max(of(step)));
     }
     spacing

@@ -7,8 +7,8 @@ use rayon::prelude::*;
 
 /// Nearest points over whose spacings the mean is taken, so that the spacing does not jump from place to place.
 const AVERAGED: usize = 8;
-/// The share of the points that have a spacing of their own. What is [`MAX_EXCESS`] times sparser than all of these is a
-/// scatter and no surface.
+/// The share of the points that have a spacing of their own. What is 1.5 times sparser than all of these is a scatter
+/// and no surface.
 const USUAL: f64 = 0.9;
 /// The spacing at a point is at most this many times the largest of the usual ones.
 const MAX_EXCESS: f64 = 1.5;
@@ -28,10 +28,10 @@ pub struct Support {
 /// How well `points` (n x 3) speak for each of `places` (m x 3, in the same frame), of 32 or 64 bits each.
 ///
 /// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a
-/// disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). Where a
-/// scanner left lines that lie far from each other, it is about as large as the lines are apart. It is at most one and
-/// a half times that which nine tenths of the points stay below: what is sparser is a scatter. At a place the spacing
-/// is the mean over the eight nearest points.
+/// disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). Where
+/// a scanner left lines that lie far from each other, it is about as large as the lines are apart. It is at most one
+/// and a half times that which nine tenths of the points stay below: what is sparser is a scatter. At a place the
+/// spacing is the mean over the eight nearest points.
 ///
 /// # Errors
 /// [`ErrorKind::Data`](crate::ErrorKind::Data) if there are fewer than two distinct points or a coordinate of the

@@ -160,8 +160,8 @@ impl LocalPlates {
     }
 
     /// f at places `x` (m x 3): negative inside, and about the signed distance near the points. `nearest` (m) are the
-    /// points nearest to each. NaN where no plate reaches: all within two and a half spacings of a point that is not alone
-    /// do.
+    /// points nearest to each. NaN where no plate reaches: all within two and a half spacings of a point that is not
+    /// alone do.
     ///
     /// # Panics
     /// If there is not one nearest point a place.

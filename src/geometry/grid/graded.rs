@@ -164,8 +164,8 @@ fn unpack(key: u64) -> [u32; 3] {
 }
 
 /// The zero level set of a field in the cube with the given lowest corner and side, on cells that are nowhere larger
-/// than `sizes` allow and rarely less than half as large. It is closed and consistently oriented for any field; vertices
-/// on the border of the cube count as outside.
+/// than `sizes` allow and rarely less than half as large. It is closed and consistently oriented for any field;
+/// vertices on the border of the cube count as outside.
 ///
 /// `eval` should be about a signed distance: cells are not followed where it says that the surface is farther away than
 /// one and a half of their longest edges. Where that leaves the surface open, all cells are made.
@@ -293,11 +293,9 @@ fn halves(tet: &[u32; 4], last: usize, z: u32) -> [[u32; 4]; 2] {
 fn orient(tet: &mut [u32; 4], vertices: &[[u32; 3]]) {
     let [a, b, c, d] = tet.map(|v| vertices[v as usize].map(i64::from));
     let to = |p: [i64; 3]| [0, 1, 2].map(|k| p[k] - a[k]);
-    let ([b, c, d], mut det) = ([to(b), to(c), to(d)], 0);
-    for k in 0..3 {
-        let (i, j) = ((k + 1) % 3, (k + 2) % 3);
-        det += b[k] * (c[i] * d[j] - c[j] * d[i]);
-    }
+    let [b, c, d] = [to(b), to(c), to(d)];
+    let across = |i: usize, j: usize| c[i] * d[j] - c[j] * d[i];
+    let det = b[0] * across(1, 2) + b[1] * across(2, 0) + b[2] * across(0, 1);
     if det < 0 {
         tet.swap(2, 3);
     }
