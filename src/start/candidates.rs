@@ -318,6 +318,19 @@ mod tests {
         assert!(each[0] < 1e-3 && each[3] < 0.6 * each[0], "{each:?}");
     }
 
+    /// One half of the torus has four times as many points a square as the other. The genus of the surface between
+    /// points counts the false handles; with the same weight for all dipoles there are about 20 of them.
+    #[test]
+    fn density_that_jumps_makes_no_handles() {
+        let all = Shape::Torus { major: 0.34, minor: 0.14 }.sample(2400, 3).0;
+        let kept = (0..all.len()).filter(|&i| all[i][0] > 0.0 || i % 4 == 0);
+        let points: Vec<[f32; 3]> = kept.map(|i| all[i]).collect();
+        let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
+        let plates = plate_shapes(&points, None, &rough).unwrap();
+        let genus = [&rough[0], &plates[0]].map(|mesh| mesh.topology().genus);
+        assert_eq!(genus, [Some(1); 2]);
+    }
+
     /// 0.01 thick, half a cube of the usual grids.
     #[test]
     fn a_blade_comes_out_whole() {

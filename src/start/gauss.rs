@@ -6,9 +6,13 @@
 //! mu = A^T xi (Lin, Xiao, Shi, Wang 2022, "Surface Reconstruction from Point Clouds without Normals by Parametrizing
 //! the Gauss Formula"). No normals, no iteration. The field starts from it where a sphere would have to find every
 //! limb and hole on its way.
+//!
+//! The true mu_j is a normal times the area a_j that point j stands for. So "smallest" is measured here by
+//! sum_j |mu_j|^2 / a_j, the integral of |n|^2 over the surface, where the paper takes sum_j |mu_j|^2 and thereby
+//! expects the same area of every point. With W = diag(a_j) the system is that of A W A^T, and mu = W A^T xi.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{farthest_point_sample, spacing};
+use crate::geometry::{KdTree, farthest_point_sample, spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
@@ -17,6 +21,11 @@ use rayon::prelude::*;
 const MAX_SOURCES: usize = 1500;
 /// Radius of a dipole at least (working frame): points closer than f32 can tell apart have no spacing.
 const MIN_RADIUS: f64 = 1e-6;
+/// The area of a point at least, over that of a point with the mean spacing: points that coincide still have a dipole,
+/// without which the diagonal of the system could vanish.
+const MIN_AREA: f64 = 1e-6;
+/// The number of nearest points, itself among them, that the spacing of a point is averaged over for its area.
+const AVERAGED: usize = 16;
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
 /// Sources whose kernels are in memory at the same time while the system is built.
@@ -101,10 +110,11 @@ impl GaussField {
             points
         };
         let n = points.len();
-        let widths: Vec<f64> =
-            spacing(points).iter().map(|s| (f64::from(radius) * s).max(MIN_RADIUS)).collect();
+        let spacing = spacing(points);
+        let widths: Vec<f64> = spacing.iter().map(|s| (f64::from(radius) * s).max(MIN_RADIUS)).collect();
+        let areas = relative_areas(points, &spacing);
 
-        // A is n x 3n; its columns hold the kernel of one source at all points. A A^T is summed over slabs of sources.
+        // A is n x 3n; its columns hold the kernel of one source at all points. A W A^T is summed over slabs of sources.
         let places: [Vec<f64>; 3] = std::array::from_fn(|d| points.iter().map(|p| f64::from(p[d])).collect());
         let mut system = Symmetric::zeros(n);
         let mut slab = vec![0.0; 3 * n * SLAB.min(n)];
@@ -112,6 +122,8 @@ impl GaussField {
             let slab = &mut slab[..3 * n * SLAB.min(n - first)];
             slab.par_chunks_mut(3 * n).enumerate().for_each(|(i, columns)| {
                 kernels(columns, &places, first + i, widths[first + i]);
+                let root = areas[first + i].sqrt();
+                columns.iter_mut().for_each(|k| *k *= root);
             });
             system.add_product(0, 1.0, slab);
         }
@@ -122,7 +134,7 @@ impl GaussField {
                     "check that the points do not all coincide, or start from a sphere (start.shape = sphere)",
                 ));
         };
-        // mu = A^T xi
+        // mu = W A^T xi
         let mut mu = vec![[0.0; 3]; n];
         mu.par_chunks_mut(SLAB).enumerate().for_each(|(chunk, mu)| {
             let mut columns = vec![0.0; 3 * n];
@@ -130,7 +142,7 @@ impl GaussField {
                 let source = chunk * SLAB + i;
                 kernels(&mut columns, &places, source, widths[source]);
                 for (mu, column) in mu.iter_mut().zip(columns.chunks_exact(n)) {
-                    *mu = column.iter().zip(&xi).map(|(k, xi)| k * xi).sum();
+                    *mu = areas[source] * column.iter().zip(&xi).map(|(k, xi)| k * xi).sum::<f64>();
                 }
             }
         });
@@ -156,6 +168,22 @@ impl GaussField {
         });
         out
     }
+}
+
+/// The areas that `points` (n x 3) stand for, over that of a point with the mean spacing (n): squares of their `spacing`
+/// (n), which is averaged over the 16 nearest points first, as that of a single point of an even cloud scatters. 1 for
+/// all points if they all coincide.
+fn relative_areas(points: &[[f32; 3]], spacing: &[f64]) -> Vec<f64> {
+    let mean = spacing.iter().sum::<f64>() / spacing.len() as f64;
+    if mean <= 0.0 {
+        return vec![1.0; spacing.len()];
+    }
+    let k = AVERAGED.min(points.len());
+    let area = |near: &[u32]| {
+        let local = near.iter().map(|&j| spacing[j as usize]).sum::<f64>() / k as f64;
+        (local / mean).powi(2).max(MIN_AREA)
+    };
+    KdTree::new(points).k_nearest(points, k).chunks_exact(k).map(area).collect()
 }
 
 kernel! {
@@ -223,6 +251,7 @@ kernel! {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::geometry::vec3::dist_sq;
     use crate::geometry::{Shape, fibonacci_sphere};
     use crate::simd::testing::{rows, same_at_all};
     use nalgebra::{DMatrix, DVector};
@@ -264,23 +293,36 @@ mod tests {
             d.map(|d| -d / (4.0 * std::f64::consts::PI * r.powi(3)))
         };
         let n = points.len();
+        let own = spacing(points);
+        let mean = own.iter().sum::<f64>() / n as f64;
+        let local = |p: &[f32; 3]| {
+            let mut near: Vec<usize> = (0..n).collect();
+            near.sort_by(|&i, &j| dist_sq(*p, points[i]).total_cmp(&dist_sq(*p, points[j])));
+            near[..n.min(16)].iter().map(|&i| own[i]).sum::<f64>() / n.min(16) as f64
+        };
+        let areas =
+            DMatrix::from_diagonal(&DVector::from_fn(3 * n, |j, _| (local(&points[j / 3]) / mean).powi(2)));
         let a = |x: &[[f32; 3]]| {
             DMatrix::from_fn(x.len(), 3 * n, |i, j| kernel(&x[i], &points[j / 3], widths[j / 3])[j % 3])
         };
         let own = a(points);
-        let mut system = &own * own.transpose();
+        let mut system = &own * &areas * own.transpose();
         for i in 0..n {
             system[(i, i)] *= 1.0 + regularity;
         }
         let xi = system.lu().solve(&DVector::from_element(n, 0.5)).unwrap();
-        let mu = own.tr_mul(&xi);
+        let mu = areas * own.tr_mul(&xi);
         (a(at) * mu).iter().copied().collect()
     }
 
     #[test]
     fn is_the_formula_as_it_is_written() {
         for n in [1, 2, 5, 12, 100, 150] {
-            let points: Vec<[f32; 3]> = fibonacci_sphere(n).into_iter().map(|p| p.map(|x| 0.5 * x)).collect();
+            // Drawn out on one side, so that the points' areas differ.
+            let points: Vec<[f32; 3]> = fibonacci_sphere(n)
+                .into_iter()
+                .map(|p| if p[0] > 0.0 { [p[0], 0.5 * p[1], 0.5 * p[2]] } else { p.map(|x| 0.5 * x) })
+                .collect();
             let probes: Vec<[f32; 3]> = fibonacci_sphere(30)
                 .into_iter()
                 .enumerate()
