@@ -63,8 +63,7 @@
 //! # Modules
 //!
 //! Most programs need [`mod@reconstruct`], [`io`] and [`geometry`]; the rest are the parts that the training is made
-//! of, for losses and layers of one's own. A module uses those below it; `io` uses `geometry` only, and `evaluate`
-//! everything but the training.
+//! of, for losses and layers of one's own. A module uses those below it; `io` and `evaluate` use `geometry` only.
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
 //! - [`scene`]: what of a surface the points speak for, and the rest cut away.

@@ -72,8 +72,9 @@ impl Temporary {
         loop {
             let path = target.with_file_name(format!(".{name}.{}-{attempt}.tmp", std::process::id()));
             match OpenOptions::new().write(true).create_new(true).open(&path) {
-                // Another writer may have taken it for abandoned before it was locked. Where files cannot be locked,
-                // nobody can.
+                // Between its creation and our lock another process may have locked or removed the file as abandoned
+                // (see `remove_abandoned`): then try the next name. On file systems without locks nobody can take it
+                // for abandoned.
                 Ok(file) => match file.try_lock() {
                     Err(TryLockError::WouldBlock) => attempt += 1,
                     _ if !path.exists() => attempt += 1,

@@ -15,7 +15,8 @@ const COLUMNS: usize = 8;
 pub(super) struct Evidence {
     rows: usize,
     columns: Vec<Column>,
-    unit: [usize; 2],
+    /// Rows in which columns 1 to 3, and columns 4 to 6, are a vector of length 1 (within 0.002), as normals are.
+    unit_rows: [usize; 2],
 }
 
 #[derive(Clone, Copy)]
@@ -90,7 +91,7 @@ impl Evidence {
             }
         }
         self.columns.truncate(count);
-        for (unit, at) in self.unit.iter_mut().zip([0, 3]) {
+        for (unit, at) in self.unit_rows.iter_mut().zip([0, 3]) {
             let n = values[at..at + 3].iter().map(|x| x * x).sum::<f64>();
             *unit += usize::from((n.sqrt() - 1.0).abs() < 2e-3);
         }
@@ -134,7 +135,7 @@ impl Evidence {
         if rows < 8 {
             return None;
         }
-        if c.len() >= 6 && self.unit[0] == rows && 2 * self.unit[1] < rows {
+        if c.len() >= 6 && self.unit_rows[0] == rows && 2 * self.unit_rows[1] < rows {
             return doubt("columns 1 to 3 have length 1 in every row, as normals do".into(), Some(3));
         }
         let small = |c: &Column| c.low > -1e7 && c.high < 1e7;
@@ -162,15 +163,15 @@ impl Evidence {
         self.rows > 0 && self.columns.iter().take(3).all(|c| c.bare)
     }
 
-    /// Whether the first column counts although there are only three.
+    /// Whether column 1 counts up by one in a file of three columns: x cannot be told from a point number then.
     pub fn counts_in_three(&self) -> bool {
         self.rows >= 4 && self.columns.len() == 3 && self.columns[0].counts
     }
 }
 
 impl Doubt {
-    /// Stops with what to give instead.
-    pub fn stop(&self) -> Error {
+    /// The error for this doubt, with the options that settle it.
+    pub fn error(&self) -> Error {
         let advice = match self.from {
             Some(from) => format!(
                 "name the columns of x, y and z, such as --columns {},{},{} (in a survey list northing may come \
@@ -251,7 +252,7 @@ mod tests {
     #[test]
     fn the_error_says_what_to_give() {
         let doubt = of((0..9).map(|i| format!("{i} 0.5 0.25 0.125"))).unwrap();
-        let text = doubt.stop().to_string();
+        let text = doubt.error().to_string();
         assert!(text.contains("counts up by one from 0") && text.contains("--columns 2,3,4"), "{text}");
         assert!(text.contains("--assume"), "{text}");
     }

@@ -20,14 +20,14 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         .unwrap_or_else(|_| Err(damaged("the decoder gave up")))
 }
 
-/// Says how to do without.
+/// Without the feature `formats`: the error that says how to convert the file.
 #[cfg(not(feature = "formats"))]
 pub(super) fn read(_: &[u8], _: Want) -> Result<Loaded, Error> {
     Err(Error::new(ErrorKind::Format, "the file is an E57 file, which this build does not read")
         .advise("convert it to PLY or LAS, or build with the feature `formats`"))
 }
 
-/// Packets in a row that complete no point.
+/// The most packets in a row that may complete no point; with more the file counts as damaged.
 #[cfg(feature = "formats")]
 const MAX_EMPTY: usize = 1000;
 
@@ -49,7 +49,8 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let scans = reader.pointclouds();
     for (s, scan) in scans.iter().enumerate() {
         let name = format!("scan {}", s + 1);
-        // Without a pose the points may have been moved already.
+        // The scanner stood at the origin of the scan's own frame. Without a pose the points may already be in the
+        // common frame, and the scanner's place is not known.
         if let Some(e57::Transform { translation: t, .. }) = &scan.transform
             && [t.x, t.y, t.z].iter().all(|x| x.is_finite())
         {

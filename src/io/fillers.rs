@@ -7,7 +7,7 @@ use std::collections::HashMap;
 use super::Loaded;
 
 /// Numbers that programs write where they have no value; each is certain only where it lies far off the others.
-const MARKS: [f64; 15] = [
+const FILLERS: [f64; 15] = [
     -9999.0,
     -99_999.0,
     -999_999.0,
@@ -26,7 +26,7 @@ const MARKS: [f64; 15] = [
 ];
 /// Beyond this a number is a filler, not a place: the largest floats, and 1e30 or 1.70141e38 of grids.
 const HUGE: f64 = 1e30;
-/// How many times the others' extent lies between them and a filler.
+/// A filler lies outside the range of the other coordinates on its axis by more than this many lengths of that range.
 const FAR: f64 = 3.0;
 
 /// Leaves out the rows that hold no point. With `keep`, only what is not finite.
@@ -47,7 +47,7 @@ pub(super) fn drop_rows(loaded: &mut Loaded, keep: bool) {
             )
         });
     }
-    marks(loaded, total);
+    drop_fillers(loaded, total);
     origins(loaded, total);
     repeated(loaded);
 }
@@ -86,38 +86,38 @@ fn is_far(x: f64, [low, high]: [f64; 2], longest: f64) -> bool {
 }
 
 /// Leaves out -9999 and the like.
-fn marks(loaded: &mut Loaded, total: usize) {
-    let is_mark = |x: f64| MARKS.contains(&x);
-    if !loaded.verts.iter().flatten().any(|&x| is_mark(x)) {
+fn drop_fillers(loaded: &mut Loaded, total: usize) {
+    let is_filler = |x: f64| FILLERS.contains(&x);
+    if !loaded.verts.iter().flatten().any(|&x| is_filler(x)) {
         return;
     }
-    let others = [0, 1, 2].map(|axis| range(&loaded.verts, axis, |x| !is_mark(x)));
+    let others = [0, 1, 2].map(|axis| range(&loaded.verts, axis, |x| !is_filler(x)));
     let longest = others.iter().flatten().map(|[low, high]| high - low).fold(0.0, f64::max);
     let mut found: Vec<(f64, usize)> = Vec::new();
     let mut within: Vec<(f64, usize)> = Vec::new();
     for (axis, others) in others.iter().enumerate() {
         let Some(others) = *others else { continue };
-        for mark in MARKS {
-            let count = loaded.verts.iter().filter(|p| p[axis] == mark).count();
-            // Three digits or a positive number may be a place: one alone is not left out.
-            let needed = if mark < -9000.0 { 1 } else { 2 };
+        for filler in FILLERS {
+            let count = loaded.verts.iter().filter(|p| p[axis] == filler).count();
+            // -999 and the positive ones may be real coordinates: they need two rows to count as fillers.
+            let needed = if filler < -9000.0 { 1 } else { 2 };
             let list = if count == 0 {
                 continue;
-            } else if is_far(mark, others, longest) && count >= needed {
+            } else if is_far(filler, others, longest) && count >= needed {
                 &mut found
             } else {
                 &mut within
             };
-            match list.iter_mut().find(|(m, _)| *m == mark) {
+            match list.iter_mut().find(|(m, _)| *m == filler) {
                 Some((_, n)) => *n += count,
-                None => list.push((mark, count)),
+                None => list.push((filler, count)),
             }
         }
     }
-    for (mark, count) in within {
-        if count >= 3 && mark < 0.0 && !found.iter().any(|(m, _)| *m == mark) {
+    for (filler, count) in within {
+        if count >= 3 && filler < 0.0 && !found.iter().any(|(m, _)| *m == filler) {
             loaded.warnings.push(format!(
-                "{count} coordinates are {mark}, which often stands for no value; they were kept, as the others are \
+                "{count} coordinates are {filler}, which often stands for no value; they were kept, as the others are \
                  of that size"
             ));
         }

@@ -7,77 +7,107 @@ use crate::{Error, ErrorKind};
 /// The message about bytes that show no format.
 pub(super) const UNKNOWN: &str = "the file format is unknown";
 
-/// Where a mark stands, the mark, what the file is, and how to convert it.
-type Known = (usize, &'static [u8], &'static str, &'static str);
+/// A format that is known by its first bytes.
+struct Known {
+    /// Where the signature stands.
+    offset: usize,
+    signature: &'static [u8],
+    /// What the file is.
+    what: &'static str,
+    /// How to convert it.
+    advice: &'static str,
+}
+
+/// A format that is known by the extension of its files.
+struct Named {
+    extension: &'static str,
+    what: &'static str,
+    advice: &'static str,
+}
 
 const CLOUD: &str = "export the points as PLY, LAS or E57";
 const MESH: &str = "export the mesh as PLY, OBJ or STL";
 const UNPACK: &str = "unpack it and give the file inside";
 const TEXT: &str = "export the points as CSV or PLY";
+const NUMPY: &str = "save the array of the points with numpy.save";
+const MATLAB: &str = "save the array of the points with writematrix as CSV";
+const DRAWING: &str = "export the points as CSV or PLY, or the mesh as STL";
+const SHEET: &str = "save the sheet as CSV";
+const RASTER: &str = "export its cells as points, x, y and z, in a CSV file";
 
 const KNOWN: [Known; 29] = [
-    (0, b"glTF", "a GLB model", MESH),
-    (0, b"Kaydara FBX", "an FBX model", MESH),
-    (0, b"ISO-10303-21", "a STEP or IFC file", "export the surface as STL or PLY from the CAD program"),
-    (0, b"DRACO", "a Draco file", MESH),
-    (0, b"AC10", "a DWG drawing", "export the points as CSV or PLY, or the mesh as STL"),
-    (0, b"BLENDER", "a Blender file", MESH),
-    (0, b"PXR-USDC", "a USD scene", MESH),
-    (0, b"#usda", "a USD scene", MESH),
-    (0, b"#VRML", "a VRML scene", MESH),
-    (0, b"\x89HDF", "an HDF5 file", "save the array of the points with numpy.save"),
-    (0, b"CDF\x01", "a NetCDF file", "save the array of the points with numpy.save"),
-    (0, b"MATLAB 5.0", "a MATLAB file", "save the array of the points with writematrix as CSV"),
-    (0, b"\x80\x04", "a Python pickle", "save the array of the points with numpy.save"),
-    (0, b"\x80\x02", "a Python pickle", "save the array of the points with numpy.save"),
-    (0, b"PAR1", "a Parquet table", TEXT),
-    (0, b"SQLite format 3", "a database (GeoPackage or other)", TEXT),
-    (0, b"#ROSBAG", "a ROS bag", "export its scans as PCD"),
-    (0, b"\xd0\xcf\x11\xe0", "an old Excel or Office file", "save the sheet as CSV"),
-    (0, b"BZh", "a file packed with bzip2", UNPACK),
-    (0, b"\xfd7zXZ", "a file packed with xz", UNPACK),
-    (0, b"\x28\xb5\x2f\xfd", "a file packed with zstd", UNPACK),
-    (0, b"7z\xbc\xaf", "a 7z archive", UNPACK),
-    (0, b"Rar!", "a RAR archive", UNPACK),
-    (257, b"ustar", "a tar archive", UNPACK),
-    (0, b"%PDF", "a PDF document", TEXT),
-    (0, b"\x89PNG", "a picture", "give a point cloud"),
-    (0, b"\xff\xd8\xff", "a picture", "give a point cloud"),
-    (0, b"II*\0", "a TIFF raster", "export its cells as points, x, y and z, in a CSV file"),
-    (
-        0,
-        b"version https://git-lfs",
-        "a pointer of Git LFS, not the file itself",
-        "fetch the file with `git lfs pull`",
-    ),
+    Known { offset: 0, signature: b"glTF", what: "a GLB model", advice: MESH },
+    Known { offset: 0, signature: b"Kaydara FBX", what: "an FBX model", advice: MESH },
+    Known {
+        offset: 0,
+        signature: b"ISO-10303-21",
+        what: "a STEP or IFC file",
+        advice: "export the surface as STL or PLY from the CAD program",
+    },
+    Known { offset: 0, signature: b"DRACO", what: "a Draco file", advice: MESH },
+    Known { offset: 0, signature: b"AC10", what: "a DWG drawing", advice: DRAWING },
+    Known { offset: 0, signature: b"BLENDER", what: "a Blender file", advice: MESH },
+    Known { offset: 0, signature: b"PXR-USDC", what: "a USD scene", advice: MESH },
+    Known { offset: 0, signature: b"#usda", what: "a USD scene", advice: MESH },
+    Known { offset: 0, signature: b"#VRML", what: "a VRML scene", advice: MESH },
+    Known { offset: 0, signature: b"\x89HDF", what: "an HDF5 file", advice: NUMPY },
+    Known { offset: 0, signature: b"CDF\x01", what: "a NetCDF file", advice: NUMPY },
+    Known { offset: 0, signature: b"MATLAB 5.0", what: "a MATLAB file", advice: MATLAB },
+    Known { offset: 0, signature: b"\x80\x04", what: "a Python pickle", advice: NUMPY },
+    Known { offset: 0, signature: b"\x80\x02", what: "a Python pickle", advice: NUMPY },
+    Known { offset: 0, signature: b"PAR1", what: "a Parquet table", advice: TEXT },
+    Known {
+        offset: 0,
+        signature: b"SQLite format 3",
+        what: "a database (GeoPackage or other)",
+        advice: TEXT,
+    },
+    Known { offset: 0, signature: b"#ROSBAG", what: "a ROS bag", advice: "export its scans as PCD" },
+    Known { offset: 0, signature: b"\xd0\xcf\x11\xe0", what: "an old Excel or Office file", advice: SHEET },
+    Known { offset: 0, signature: b"BZh", what: "a file packed with bzip2", advice: UNPACK },
+    Known { offset: 0, signature: b"\xfd7zXZ", what: "a file packed with xz", advice: UNPACK },
+    Known { offset: 0, signature: b"\x28\xb5\x2f\xfd", what: "a file packed with zstd", advice: UNPACK },
+    Known { offset: 0, signature: b"7z\xbc\xaf", what: "a 7z archive", advice: UNPACK },
+    Known { offset: 0, signature: b"Rar!", what: "a RAR archive", advice: UNPACK },
+    Known { offset: 257, signature: b"ustar", what: "a tar archive", advice: UNPACK },
+    Known { offset: 0, signature: b"%PDF", what: "a PDF document", advice: TEXT },
+    Known { offset: 0, signature: b"\x89PNG", what: "a picture", advice: "give a point cloud" },
+    Known { offset: 0, signature: b"\xff\xd8\xff", what: "a picture", advice: "give a point cloud" },
+    Known { offset: 0, signature: b"II*\0", what: "a TIFF raster", advice: RASTER },
+    Known {
+        offset: 0,
+        signature: b"version https://git-lfs",
+        what: "a pointer of Git LFS, not the file itself",
+        advice: "fetch the file with `git lfs pull`",
+    },
 ];
 
-/// Extensions of formats that have no mark, or none that is public.
-const NAMED: [(&str, &str, &str); 24] = [
-    ("fls", "a scan of FARO", CLOUD),
-    ("lsproj", "a project of FARO", CLOUD),
-    ("zfs", "a scan of Zoller+Froehlich", CLOUD),
-    ("rcp", "a project of ReCap", CLOUD),
-    ("rcs", "a scan of ReCap", CLOUD),
-    ("dp", "a scan of DotProduct", CLOUD),
-    ("3dd", "a scan of RIEGL", CLOUD),
-    ("rdbx", "a database of RIEGL", CLOUD),
-    ("cl3", "a scan of Topcon", CLOUD),
-    ("clr", "a scan of Topcon", CLOUD),
-    ("pod", "a cloud of Pointools", CLOUD),
-    ("imp", "a database of Cyclone", CLOUD),
-    ("lgs", "a scan of Leica", CLOUD),
-    ("dwg", "a DWG drawing", "export the points as CSV or PLY, or the mesh as STL"),
-    ("dxf", "a DXF drawing", "export the points as CSV or PLY, or the mesh as STL"),
-    ("skp", "a SketchUp model", MESH),
-    ("max", "a 3ds Max scene", MESH),
-    ("3ds", "a 3DS model", MESH),
-    ("gltf", "a glTF model", MESH),
-    ("dae", "a COLLADA model", MESH),
-    ("xls", "an Excel workbook", "save the sheet as CSV"),
-    ("mat", "a MATLAB file", "save the array of the points with writematrix as CSV"),
-    ("spz", "a cloud of Gaussians", "export it as PLY"),
-    ("bag", "a ROS bag", "export its scans as PCD"),
+/// Extensions of formats that have no signature, or none that is public.
+const NAMED: [Named; 24] = [
+    Named { extension: "fls", what: "a scan of FARO", advice: CLOUD },
+    Named { extension: "lsproj", what: "a project of FARO", advice: CLOUD },
+    Named { extension: "zfs", what: "a scan of Zoller+Froehlich", advice: CLOUD },
+    Named { extension: "rcp", what: "a project of ReCap", advice: CLOUD },
+    Named { extension: "rcs", what: "a scan of ReCap", advice: CLOUD },
+    Named { extension: "dp", what: "a scan of DotProduct", advice: CLOUD },
+    Named { extension: "3dd", what: "a scan of RIEGL", advice: CLOUD },
+    Named { extension: "rdbx", what: "a database of RIEGL", advice: CLOUD },
+    Named { extension: "cl3", what: "a scan of Topcon", advice: CLOUD },
+    Named { extension: "clr", what: "a scan of Topcon", advice: CLOUD },
+    Named { extension: "pod", what: "a cloud of Pointools", advice: CLOUD },
+    Named { extension: "imp", what: "a database of Cyclone", advice: CLOUD },
+    Named { extension: "lgs", what: "a scan of Leica", advice: CLOUD },
+    Named { extension: "dwg", what: "a DWG drawing", advice: DRAWING },
+    Named { extension: "dxf", what: "a DXF drawing", advice: DRAWING },
+    Named { extension: "skp", what: "a SketchUp model", advice: MESH },
+    Named { extension: "max", what: "a 3ds Max scene", advice: MESH },
+    Named { extension: "3ds", what: "a 3DS model", advice: MESH },
+    Named { extension: "gltf", what: "a glTF model", advice: MESH },
+    Named { extension: "dae", what: "a COLLADA model", advice: MESH },
+    Named { extension: "xls", what: "an Excel workbook", advice: SHEET },
+    Named { extension: "mat", what: "a MATLAB file", advice: MATLAB },
+    Named { extension: "spz", what: "a cloud of Gaussians", advice: "export it as PLY" },
+    Named { extension: "bag", what: "a ROS bag", advice: "export its scans as PCD" },
 ];
 
 /// Whether the bytes are exactly the binary `points3D.bin` of COLMAP: a count, and for each point an id, three 64-bit
@@ -108,9 +138,9 @@ pub(super) fn colmap() -> Error {
 
 /// What a file is that is not read, by its content.
 pub(super) fn by_content(bytes: &[u8]) -> Option<Error> {
-    let has = |(at, mark, ..): &&Known| bytes.get(*at..).is_some_and(|b| b.starts_with(mark));
-    if let Some((_, _, what, advice)) = KNOWN.iter().find(has) {
-        return Some(refuse(what, advice));
+    let has = |known: &&Known| bytes.get(known.offset..).is_some_and(|b| b.starts_with(known.signature));
+    if let Some(known) = KNOWN.iter().find(has) {
+        return Some(refuse(known.what, known.advice));
     }
     let start = &bytes[..bytes.len().min(2048)];
     let start = start.strip_prefix(b"\xef\xbb\xbf").unwrap_or(start).trim_ascii_start();
@@ -136,22 +166,21 @@ pub(super) fn by_content(bytes: &[u8]) -> Option<Error> {
     // A DXF file is pairs of lines, a number and a value, and the first names a section.
     let lines: Vec<&str> = text.lines().map(str::trim).take(4).collect();
     if let ["0", "section", "2", _] = lines[..] {
-        return Some(refuse("a DXF drawing", "export the points as CSV or PLY, or the mesh as STL"));
+        return Some(refuse("a DXF drawing", DRAWING));
     }
     if lines.first().is_some_and(|l| l.starts_with("ncols")) {
-        let advice = "export its cells as points, x, y and z, in a CSV file";
-        return Some(refuse("a grid of heights (ESRI ASCII)", advice));
+        return Some(refuse("a grid of heights (ESRI ASCII)", RASTER));
     }
     None
 }
 
 /// What a file is that is not read, by its extension in lower case.
 fn by_extension(extension: &str) -> Option<Error> {
-    NAMED.iter().find(|(e, ..)| *e == extension).map(|(_, what, advice)| refuse(what, advice))
+    NAMED.iter().find(|named| named.extension == extension).map(|named| refuse(named.what, named.advice))
 }
 
-/// Adds the file to an error from reading its bytes. Where these show no format, the file's name may still tell one
-/// that is not read; then the error says how to convert it.
+/// Adds the file to an error from reading its bytes. If the content shows no known format but the extension is that of
+/// a format which is not read, the error becomes the one that names this format and says how to convert it.
 pub fn name_file(error: Error, path: impl AsRef<Path>) -> Error {
     let path = path.as_ref();
     let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_ascii_lowercase();

@@ -40,7 +40,8 @@ pub enum Format {
     Las,
     /// Terrestrial laser scans, with the feature `formats`; clouds only.
     E57,
-    /// Raw little-endian `f32` rows of x, y, z, intensity as in the KITTI laser scans; clouds only.
+    /// Rows of little-endian floats without a header: x, y, z, intensity as `f32`, as in the KITTI laser scans, unless
+    /// told otherwise; clouds only.
     Kitti,
 }
 

@@ -7,8 +7,11 @@ use std::io::{self, Write};
 
 use crate::geometry::{Bounds, TriangleMesh};
 
+// Component types and buffer targets of glTF 2.0.
 const FLOAT: u32 = 5126;
 const UNSIGNED: u32 = 5125;
+const ARRAY_BUFFER: u32 = 34962;
+const ELEMENT_ARRAY_BUFFER: u32 = 34963;
 
 /// Writes a mesh that has vertices, with a colour each, if there are some.
 pub(super) fn write(
@@ -30,7 +33,9 @@ pub(super) fn write(
     if colours.is_some() {
         named = ",\"COLOR_0\":2";
         accessor = format!(",{{\"bufferView\":2,\"componentType\":{FLOAT},\"count\":{v},\"type\":\"VEC3\"}}");
-        view = format!(",{{\"buffer\":0,\"byteOffset\":{bytes},\"byteLength\":{places},\"target\":34962}}");
+        view = format!(
+            ",{{\"buffer\":0,\"byteOffset\":{bytes},\"byteLength\":{places},\"target\":{ARRAY_BUFFER}}}"
+        );
         bytes += places;
     }
     let mut json = format!(
@@ -40,8 +45,8 @@ pub(super) fn write(
          \"accessors\":[{{\"bufferView\":0,\"componentType\":{FLOAT},\"count\":{v},\"type\":\"VEC3\",\
          \"min\":{},\"max\":{}}},\
          {{\"bufferView\":1,\"componentType\":{UNSIGNED},\"count\":{},\"type\":\"SCALAR\"}}{accessor}],\
-         \"bufferViews\":[{{\"buffer\":0,\"byteLength\":{},\"target\":34962}},\
-         {{\"buffer\":0,\"byteOffset\":{},\"byteLength\":{},\"target\":34963}}{view}],\
+         \"bufferViews\":[{{\"buffer\":0,\"byteLength\":{},\"target\":{ARRAY_BUFFER}}},\
+         {{\"buffer\":0,\"byteOffset\":{},\"byteLength\":{},\"target\":{ELEMENT_ARRAY_BUFFER}}}{view}],\
          \"buffers\":[{{\"byteLength\":{}}}]}}",
         numbers(bounds.min),
         numbers(bounds.max),
@@ -78,8 +83,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// A part of a colour as the format wants it, which counts light, from one as pictures and other formats have it
-/// (sRGB).
+/// The linear value (0 to 1) of a colour component in sRGB (0 to 1): glTF stores linear ones.
 fn linear(part: f32) -> f32 {
     if part <= 0.04045 { part / 12.92 } else { ((part + 0.055) / 1.055).powf(2.4) }
 }

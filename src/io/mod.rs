@@ -23,8 +23,8 @@
 //! With the feature `formats` each of them may be packed with gzip. Formats that are not read are named, with how to
 //! convert them.
 //!
-//! Adding a format takes one file with `read` and `write`, a variant of [`Format`] and a line in each of the
-//! matches below.
+//! A new format takes a file of its own with `read` (and `write`), a variant of [`Format`] with its arms in
+//! `format.rs`, an arm in `load` below, and, if it is written, one in `write.rs`.
 
 use std::borrow::Cow;
 use std::fs;
@@ -76,9 +76,10 @@ pub use write::{
 pub struct PointCloud {
     /// Positions, n x 3, all finite and within the range of 32-bit floats, in the order, units and digits of the file.
     pub points: Vec<[f64; 3]>,
-    /// Normals, n x 3, all finite and of the file's lengths, if there are columns or properties `nx`, `ny` and `nz`
-    /// (PLY, PCD, XYZ and CSV), if there is an array `normals` (NPZ), or one for each vertex (OFF, OBJ). A
-    /// reconstruction uses them if they are given to it as [`Hints`](crate::reconstruct::Hints).
+    /// Normals, n x 3, all finite and of the file's lengths, if the file has them: properties or columns `nx`, `ny`,
+    /// `nz` (PLY, XYZ, CSV; PCD also `normal_x` ...), an array `normals` (NPZ), `NORMALS` of the points (VTK), or one
+    /// for each vertex (OFF, OBJ). A reconstruction uses them if they are given to it as
+    /// [`Hints`](crate::reconstruct::Hints).
     pub normals: Option<Vec<[f32; 3]>>,
     /// The places from which the points were seen, one a scan, if the file tells (PCD, PTX, E57) or its format does
     /// (raw laser scans); in the frame of the points.
@@ -90,7 +91,7 @@ pub struct PointCloud {
     pub attributes: Vec<Attribute>,
     /// One sentence for each thing worth telling the user, such as `ignored 2 extra columns`.
     pub notices: Vec<String>,
-    /// One sentence for each thing by which the points may be others than the user thinks, such as rows that were left
+    /// One sentence for each reason why the points may not be those that the user expects, such as rows that were left
     /// out. A program should show these whatever else it keeps quiet about.
     pub warnings: Vec<String>,
     /// How many rows of the file were left out because they hold no point; the warnings say why.
@@ -259,32 +260,42 @@ pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMes
     Ok(TriangleMesh { verts: loaded.verts, faces: loaded.faces })
 }
 
-/// What is of interest: points, points with what stands beside them, points of which none may be left out, or vertices
-/// and faces.
+/// What is of interest.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Want {
+    /// Points; rows that hold none may stay in (not finite), to be left out later.
     Cloud,
+    /// As `Cloud`, with what else the file has of each point.
     Attributes,
+    /// Points; a row that holds none is an error.
     EveryRow,
+    /// Vertices and faces; every vertex must be finite.
     Mesh,
 }
 
 /// The names of a normal's components.
-const NORMAL: [&str; 3] = ["nx", "ny", "nz"];
+const NORMAL_NAMES: [&str; 3] = ["nx", "ny", "nz"];
 
-/// What a reader hands back: v x 3 positions (finite unless a cloud is wanted), v x 3 normals or none (finite or not),
-/// f x 3 indices (not yet checked against v), attributes of v values each, how many faces and rows it passed over, and
-/// what to tell.
+/// What a reader hands back.
 #[derive(Default)]
 struct Loaded {
+    /// Positions, v x 3, finite unless a cloud is wanted.
     verts: Vec<[f64; 3]>,
+    /// Normals, v x 3 or none, finite or not.
     normals: Vec<[f32; 3]>,
+    /// Indices, f x 3, not yet checked against v.
     faces: Vec<[u32; 3]>,
+    /// What else the file has of each vertex, v values each.
     attributes: Vec<Attribute>,
+    /// As [`PointCloud::viewpoints`].
     viewpoints: Vec<[f64; 3]>,
+    /// Faces that the file has beside the points that are wanted.
     ignored_faces: u64,
+    /// Rows without a point that the reader itself passed over.
     left_out: usize,
+    /// As [`PointCloud::notices`].
     notices: Vec<String>,
+    /// As [`PointCloud::warnings`].
     warnings: Vec<String>,
 }
 
@@ -340,8 +351,10 @@ fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
         return Ok(format);
     }
     let found = Format::from_content_and(bytes, options.hint);
-    let marked = Format::from_content(bytes).filter(|f| !matches!(f, Format::Xyz | Format::Csv));
-    if let Some(format) = found.filter(|_| marked.is_some()) {
+    // Numbers in columns are no signature: any text file could look like them, so files that are not read are ruled out
+    // first.
+    let signed = Format::from_content(bytes).filter(|f| !matches!(f, Format::Xyz | Format::Csv));
+    if let Some(format) = found.filter(|_| signed.is_some()) {
         return Ok(format);
     }
     if foreign::is_colmap(bytes) {
@@ -400,11 +413,11 @@ fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Resu
     }
 }
 
-/// Refuses numbers beyond 32-bit floats, and NaN and infinities where every row must be a point, while their place is
-/// known. In a cloud rows that are not finite are left out later.
+/// Refuses coordinates that no point can have, here where the line and the number of the row are still known: beyond
+/// the range of 32-bit floats, and, where every row must hold a point, NaN and infinity. In clouds, rows that are not
+/// finite and those with fillers up to the largest 64-bit float (1e300 and more) pass; [`fillers`] leaves them out.
 fn check_point(point: [f64; 3], want: Want, noun: &str, index: usize) -> Result<(), Error> {
     let wrong = |x: &f64| match want {
-        // The largest number of 64 bits is a filler, which is looked at later.
         Want::Cloud | Want::Attributes => x.is_finite() && x.abs() > f64::from(f32::MAX) && x.abs() < 1e300,
         Want::EveryRow | Want::Mesh => !(*x as f32).is_finite(),
     };
@@ -431,8 +444,8 @@ fn check_range(verts: &[[f64; 3]], noun: &str) -> Result<(), Error> {
 }
 
 /// Rounds positions to 32 bits if a file declares them as such (`declared`), or if all of them are the shortest
-/// decimals of 32-bit numbers, as programs write those: then it is these numbers that are meant, and a text holds the
-/// same cloud as a binary file. Not where 32 bits would lose the detail ([`Bounds::offset`]).
+/// decimals of 32-bit numbers, as programs write them: `0.1` then means the 32-bit number nearest to 0.1, and the text
+/// and the binary file of one cloud give equal points. Not where 32 bits would lose the detail ([`Bounds::offset`]).
 fn round_to_floats(verts: &mut [[f64; 3]], declared: bool) {
     let mut digits = String::new();
     let floats = declared || verts.as_flattened().iter().all(|&x| is_short_float(x, &mut digits));

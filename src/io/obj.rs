@@ -3,7 +3,9 @@
 
 use std::io::{self, Write};
 
-use super::text::{Lines, float, integer, show, three_floats, without_mark, words, write_position};
+use super::text::{
+    Lines, float, integer, show, three_floats, without_byte_order_mark, words, write_position,
+};
 use super::width::Width;
 use super::{Loaded, Want, check_point, push_fan};
 use crate::geometry::{Attribute, COLOUR, Number, TriangleMesh};
@@ -18,7 +20,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     // A face may name vertices that come later in the file, so the largest index is checked at the end.
     let mut largest = (-1_i64, 0_u64, 0_u64);
 
-    for (number, line) in Lines::new(without_mark(bytes)?) {
+    for (number, line) in Lines::new(without_byte_order_mark(bytes)?) {
         let mut parts = words(line);
         match parts.next() {
             Some(b"v") => {

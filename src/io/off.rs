@@ -8,7 +8,7 @@
 use std::io::{self, Write};
 
 use super::text::{
-    Lines, float, integer, not_a_number, show, three_floats, without_mark, words, write_position,
+    Lines, float, integer, not_a_number, show, three_floats, without_byte_order_mark, words, write_position,
 };
 use super::width::Width;
 use super::{Loaded, Want, check_point, push_fan};
@@ -30,7 +30,7 @@ pub(super) fn looks_like_off(bytes: &[u8]) -> bool {
 
 /// Reads v x 3 positions and, if wanted, polygons cut into f x 3 triangles.
 pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
-    let mut lines = Lines::new(without_mark(bytes)?)
+    let mut lines = Lines::new(without_byte_order_mark(bytes)?)
         .map(|(number, line)| (number, without_comment(line)))
         .filter(|(_, line)| !line.is_empty());
     let wrong = |what: String, line: u64| {

@@ -2,7 +2,7 @@
 
 use crate::{Error, ErrorKind};
 
-/// No file of points unpacks to more; a damaged or wicked one would fill the memory.
+/// The most bytes that a file may unpack to; a damaged or malicious file could fill the memory otherwise.
 #[cfg(feature = "formats")]
 const MAX_UNPACKED: u64 = 4 << 30;
 
@@ -47,14 +47,14 @@ fn read_all(reader: impl std::io::Read, most: u64, what: &str) -> Result<Vec<u8>
     Ok(out)
 }
 
-/// Says how to do without.
+/// Without the feature `formats`: the error that says how to unpack the file.
 #[cfg(not(feature = "formats"))]
 pub(super) fn gunzip(_: &[u8]) -> Result<Vec<u8>, Error> {
     Err(Error::new(ErrorKind::Format, "the file is packed with gzip, which this build does not unpack")
         .advise("unpack it first, or build with the feature `formats`"))
 }
 
-/// Says how to do without.
+/// Without the feature `formats`: the error that says how to save the file unpacked.
 #[cfg(not(feature = "formats"))]
 pub(super) fn inflate(_: &[u8], _: u64) -> Result<Vec<u8>, Error> {
     Err(Error::new(ErrorKind::Format, "the archive is packed, which this build does not unpack")

@@ -1,7 +1,7 @@
 //! PTX, scans of Leica: for each the numbers of columns and rows, the scanner's place and axes, a matrix of 4 x 4, and
 //! a line for each point, x, y, z and intensity in the scanner's own frame. `0 0 0` means that nothing came back.
 
-use super::text::{Lines, float, integer, three_floats, without_mark, words};
+use super::text::{Lines, float, integer, three_floats, without_byte_order_mark, words};
 use super::{Loaded, Want, check_point};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
@@ -26,7 +26,8 @@ pub(super) fn looks_like_ptx(bytes: &[u8]) -> bool {
 /// Reads the points of all scans in their common frame.
 pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut loaded = Loaded::default();
-    let mut lines = Lines::new(without_mark(bytes)?).filter(|(_, l)| !l.trim_ascii().is_empty()).peekable();
+    let mut lines =
+        Lines::new(without_byte_order_mark(bytes)?).filter(|(_, l)| !l.trim_ascii().is_empty()).peekable();
     let (mut scans, mut rows, mut none) = (0_usize, 0_usize, 0_usize);
     let mut beside = Beside::default();
     while lines.peek().is_some() {

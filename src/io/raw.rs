@@ -74,7 +74,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         loaded.verts.push(point);
     }
     if let Some(doubt) = doubted.then(|| evidence.doubt()).flatten() {
-        return Err(doubt.stop());
+        return Err(doubt.error());
     }
     if columns == [0, 1, 2] && matches!(raw.columns, 4 | 5) {
         // The frame of KITTI and nuScenes is that of the scanner.
@@ -101,9 +101,9 @@ fn number(row: &[u8], raw: Raw, column: usize) -> f64 {
 fn choose(bytes: &[u8]) -> Result<Raw, Error> {
     let mut fitting: Vec<(Raw, f64)> =
         KNOWN.into_iter().filter_map(|raw| Some((raw, spread(bytes, raw)?))).collect();
-    // Columns of chance spread by about this much more or less, in logarithms.
+    // How much the spread of `rows` rows varies by chance, in logarithms: smaller differences decide nothing.
     let chance = |rows: usize| 0.02 + 1.0 / (rows.max(1) as f64).sqrt();
-    // Two rows in one are as good as one row.
+    // Two true rows read as one have the same spread: of a length and its double the shorter one is meant.
     let halves = |(raw, own): &(Raw, f64)| {
         let half = Raw { columns: raw.columns / 2, ..*raw };
         let least = own + chance(bytes.len() / (raw.bytes * raw.columns));
@@ -113,10 +113,10 @@ fn choose(bytes: &[u8]) -> Result<Raw, Error> {
     fitting.retain(|(r, _)| !doubled.contains(r));
     let kitti = fitting.iter().find(|(raw, _)| *raw == KITTI);
     let best = fitting.iter().min_by(|a, b| a.1.total_cmp(&b.1));
-    let chance = chance(bytes.len() / 16);
+    let margin = chance(bytes.len() / 16);
     match (kitti, best) {
         (Some((_, own)), Some((_, least))) if *own <= *least && fitting.len() == 1 => Ok(KITTI),
-        (Some((_, own)), Some(_)) if fitting.iter().all(|(r, s)| *r == KITTI || *s > own + chance) => Ok(KITTI),
+        (Some((_, own)), Some(_)) if fitting.iter().all(|(r, s)| *r == KITTI || *s > own + margin) => Ok(KITTI),
         (_, None) => Err(Error::new(
             ErrorKind::Format,
             format!(

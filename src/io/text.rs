@@ -95,7 +95,7 @@ pub(super) fn not_a_number(word: &[u8]) -> Error {
 }
 
 /// Leaves out the byte order mark of UTF-8 and refuses UTF-16, which would read as rubbish.
-pub(super) fn without_mark(bytes: &[u8]) -> Result<&[u8], Error> {
+pub(super) fn without_byte_order_mark(bytes: &[u8]) -> Result<&[u8], Error> {
     // Without a mark, every second byte of plain characters is 0.
     let zeros = matches!(bytes, [a, 0, b, 0, ..] if *a > 0 && *b > 0);
     if zeros || bytes.starts_with(b"\xff\xfe") || bytes.starts_with(b"\xfe\xff") {

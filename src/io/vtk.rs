@@ -3,7 +3,7 @@
 
 use super::text::{Lines, float, integer, not_a_number, show, words};
 use super::{Loaded, Want, check_point};
-use crate::geometry::{Attribute, COLOUR, Number as Kept};
+use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
 /// Attributes that are read at most.
@@ -45,7 +45,7 @@ impl<'a> Rest<'a> {
     }
 
     /// So many numbers of a type.
-    fn numbers(&mut self, count: usize, number: &Number, binary: bool) -> Option<Vec<f64>> {
+    fn numbers(&mut self, count: usize, number: &Binary, binary: bool) -> Option<Vec<f64>> {
         let left = self.bytes.len() - self.at;
         if !binary {
             // Each takes a byte at least, so a false count reserves nothing.
@@ -144,7 +144,7 @@ fn points(parts: &[&[u8]], rest: &mut Rest<'_>, binary: bool, want: Want) -> Res
     let Some(count) = count else { return Err(wrong("POINTS is followed by no count")) };
     let name = parts.get(2).map_or(Vec::new(), |w| w.to_ascii_lowercase());
     let body = &rest.bytes[rest.at..];
-    let number = Number::of(&name).ok_or_else(|| wrong(format!("{} is no type of numbers", show(&name))))?;
+    let number = Binary::of(&name).ok_or_else(|| wrong(format!("{} is no type of numbers", show(&name))))?;
     // In text a number takes two bytes with what separates it.
     let least = if binary { number.size as u64 } else { 2 };
     let needed = count.checked_mul(3).and_then(|n| n.checked_mul(least));
@@ -203,13 +203,13 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
     let points = loaded.verts.len();
     // Of what the numbers are: of points, or of cells, which are passed over.
     let (mut of_points, mut tuples) = (false, 0);
-    let int = Number::of(b"int")?;
+    let int = Binary::of(b"int")?;
     while let Some(line) = rest.next_words() {
         let parts: Vec<&[u8]> = words(line).collect();
         let count = |i: usize| usize::try_from(parts.get(i).and_then(|w| integer(w))?).ok();
-        let kind = |i: usize| parts.get(i).and_then(|w| Number::of(&w.to_ascii_lowercase()));
+        let kind = |i: usize| parts.get(i).and_then(|w| Binary::of(&w.to_ascii_lowercase()));
         let name = |word: &[u8]| String::from_utf8_lossy(word).into_owned();
-        let mut put = |name: String, width: usize, number: &Number, values: Vec<f64>, colour: bool| {
+        let mut put = |name: String, width: usize, number: &Binary, values: Vec<f64>, colour: bool| {
             let fits = width.checked_mul(points) == Some(values.len());
             if of_points && want == Want::Attributes && fits {
                 push(&mut loaded.attributes, &name, width, number.kept(), &values, colour);
@@ -222,10 +222,10 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
                 let next: Vec<&[u8]> = words(rest.next_words().unwrap_or_default()).collect();
                 if next.first().is_some_and(|w| w.eq_ignore_ascii_case(b"OFFSETS")) {
                     // Since version 5.
-                    let offsets = Number::of(&next.get(1)?.to_ascii_lowercase())?;
+                    let offsets = Binary::of(&next.get(1)?.to_ascii_lowercase())?;
                     rest.numbers(first, &offsets, binary)?;
                     let next: Vec<&[u8]> = words(rest.next_words()?).collect();
-                    rest.numbers(second, &Number::of(&next.get(1)?.to_ascii_lowercase())?, binary)?;
+                    rest.numbers(second, &Binary::of(&next.get(1)?.to_ascii_lowercase())?, binary)?;
                 } else {
                     (rest.at, rest.line) = here;
                     rest.numbers(second, &int, binary)?;
@@ -246,12 +246,12 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
             }
             b"COLOR_SCALARS" => {
                 let (width, number) =
-                    (count(2)?, Number::of(if binary { b"unsigned_char" } else { b"float" })?);
+                    (count(2)?, Binary::of(if binary { b"unsigned_char" } else { b"float" })?);
                 let values = rest.numbers(tuples.checked_mul(width)?, &number, binary)?;
                 put(name(parts.get(1)?), width, &number, values, width >= 3);
             }
             b"LOOKUP_TABLE" => {
-                drop(rest.numbers(count(2)?.checked_mul(4)?, &Number::of(b"unsigned_char")?, binary)?);
+                drop(rest.numbers(count(2)?.checked_mul(4)?, &Binary::of(b"unsigned_char")?, binary)?);
             }
             b"NORMALS" => {
                 let number = kind(2)?;
@@ -276,7 +276,7 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
                 for _ in 0..count(2)? {
                     let head: Vec<&[u8]> = words(rest.next_words()?).collect();
                     let size = |i: usize| usize::try_from(head.get(i).and_then(|w| integer(w))?).ok();
-                    let number = Number::of(&head.get(3)?.to_ascii_lowercase())?;
+                    let number = Binary::of(&head.get(3)?.to_ascii_lowercase())?;
                     let width = size(1)?;
                     let values = rest.numbers(width.checked_mul(size(2)?)?, &number, binary)?;
                     let name = name(head[0]);
@@ -293,7 +293,7 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
 }
 
 /// Takes n rows of `width` values as attributes.
-fn push(all: &mut Vec<Attribute>, name: &str, width: usize, number: Kept, values: &[f64], colour: bool) {
+fn push(all: &mut Vec<Attribute>, name: &str, width: usize, number: Number, values: &[f64], colour: bool) {
     let parts: &[&str] = if colour { &COLOUR } else { &[] };
     for column in 0..width {
         let name = match parts.get(column) {
@@ -351,14 +351,14 @@ impl Image {
 }
 
 /// The type of binary numbers.
-struct Number {
+struct Binary {
     size: usize,
     float: bool,
     signed: bool,
 }
 
-impl Number {
-    fn of(name: &[u8]) -> Option<Number> {
+impl Binary {
+    fn of(name: &[u8]) -> Option<Binary> {
         let (size, float, signed) = match name {
             b"float" => (4, true, true),
             b"double" => (8, true, true),
@@ -372,20 +372,20 @@ impl Number {
             b"unsigned_long" | b"vtktypeuint64" => (8, false, false),
             _ => return None,
         };
-        Some(Number { size, float, signed })
+        Some(Binary { size, float, signed })
     }
 
     /// The type of an attribute of such numbers.
-    fn kept(&self) -> Kept {
+    fn kept(&self) -> Number {
         match (self.float, self.size, self.signed) {
-            (true, 4, _) => Kept::F32,
-            (false, 1, true) => Kept::I8,
-            (false, 1, false) => Kept::U8,
-            (false, 2, true) => Kept::I16,
-            (false, 2, false) => Kept::U16,
-            (false, 4, true) => Kept::I32,
-            (false, 4, false) => Kept::U32,
-            _ => Kept::F64,
+            (true, 4, _) => Number::F32,
+            (false, 1, true) => Number::I8,
+            (false, 1, false) => Number::U8,
+            (false, 2, true) => Number::I16,
+            (false, 2, false) => Number::U16,
+            (false, 4, true) => Number::I32,
+            (false, 4, false) => Number::U32,
+            _ => Number::F64,
         }
     }
 
@@ -464,19 +464,19 @@ pub(super) mod tests {
              2 6 9\npair 2 3 int\n1 2 3 4 5 6\n",
         );
         let loaded = read(text.as_bytes(), Want::Attributes).unwrap();
-        let found: Vec<(&str, Kept, &[f64])> =
+        let found: Vec<(&str, Number, &[f64])> =
             loaded.attributes.iter().map(|a| (a.name.as_str(), a.number, &a.values[..])).collect();
-        let want: [(&str, Kept, &[f64]); 10] = [
-            ("heat", Kept::F32, &[0.5, 1.0, 1.5]),
-            ("red", Kept::F32, &[1.0, 0.0, 1.0]),
-            ("green", Kept::F32, &[0.0, 0.0, 1.0]),
-            ("blue", Kept::F32, &[0.5, 0.0, 1.0]),
-            ("flow_1", Kept::F64, &[1.0, 4.0, 7.0]),
-            ("flow_2", Kept::F64, &[2.0, 5.0, 8.0]),
-            ("flow_3", Kept::F64, &[3.0, 6.0, 9.0]),
-            ("class", Kept::U8, &[2.0, 6.0, 9.0]),
-            ("pair_1", Kept::I32, &[1.0, 3.0, 5.0]),
-            ("pair_2", Kept::I32, &[2.0, 4.0, 6.0]),
+        let want: [(&str, Number, &[f64]); 10] = [
+            ("heat", Number::F32, &[0.5, 1.0, 1.5]),
+            ("red", Number::F32, &[1.0, 0.0, 1.0]),
+            ("green", Number::F32, &[0.0, 0.0, 1.0]),
+            ("blue", Number::F32, &[0.5, 0.0, 1.0]),
+            ("flow_1", Number::F64, &[1.0, 4.0, 7.0]),
+            ("flow_2", Number::F64, &[2.0, 5.0, 8.0]),
+            ("flow_3", Number::F64, &[3.0, 6.0, 9.0]),
+            ("class", Number::U8, &[2.0, 6.0, 9.0]),
+            ("pair_1", Number::I32, &[1.0, 3.0, 5.0]),
+            ("pair_2", Number::I32, &[2.0, 4.0, 6.0]),
         ];
         assert_eq!((found, loaded.notices.len()), (want.to_vec(), 0));
         assert_eq!(loaded.normals, [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]);

@@ -17,7 +17,7 @@ impl Width {
         if are_f32(points) { Width::Single } else { Width::Double }
     }
 
-    /// 32 bits also where they lose nothing of the detail ([`Bounds::offset`]), as everybody reads them.
+    /// 32 bits, which every program reads, unless they would lose detail ([`Bounds::offset`] is not 0 then).
     pub fn of_mesh(verts: &[[f64; 3]]) -> Width {
         let near = Bounds::of(verts).is_ok_and(|bounds| bounds.offset() == [0.0; 3]);
         if near { Width::Single } else { Width::of_cloud(verts) }

@@ -19,7 +19,8 @@ pub enum Encoding {
     Ascii,
 }
 
-/// Writes a mesh in the format that the extension of `path` means: `ply` and `stl` in binary, `obj` as text.
+/// Writes a mesh in the format that the extension of `path` means: `ply`, `stl` and `glb` in binary, `obj` and `off` as
+/// text.
 ///
 /// The file appears whole or not at all, see [`write_atomic`]. Coordinates are written in 32 bits where that loses
 /// nothing that matters ([`Bounds::offset`] is 0), else in 64. STL has 32 only: see

@@ -121,7 +121,8 @@ pub(super) struct Scene<'a> {
     /// The points from which distances of the extracted surface to others are measured: its vertices or samples on its
     /// faces.
     pub drawn: Var,
-    /// The tree over its faces, where distances to the surface are to its faces and not to its vertices.
+    /// The tree over the faces of the extracted surface, if distances to it are measured to its faces (option
+    /// `surface_samples`); `None` if they are measured to its vertices, as in the paper.
     pub tree: Option<&'a TriangleBvh>,
     /// The seen points of the cloud Q.
     pub cloud: Var,

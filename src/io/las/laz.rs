@@ -65,6 +65,8 @@ fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
         let (kind, size) = (number(vlr, 34 + 6 * i, 2), number(vlr, 36 + 6 * i, 2));
         let (Some(kind), Some(size)) = (kind, size) else { return Err(cut()) };
         record += size;
+        // Layers of each item kind of LAZ: 10 point (9), 11 RGB (1), 12 RGB and NIR (2), 13 wave packet (1), 14 extra
+        // bytes (one a byte).
         layers += match kind {
             10 => 9,
             11 | 13 => 1,

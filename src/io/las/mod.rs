@@ -1,4 +1,6 @@
 //! LAS, the format of laser scans from the air, versions 1.0 to 1.4, and LAZ, the same packed.
+//!
+//! Offsets are those of the public header block of the LAS 1.4 specification (R15, ASPRS 2019).
 
 use super::{Loaded, Want, check_point};
 use crate::geometry::{Attribute, COLOUR, Number};

@@ -2,7 +2,7 @@
 
 use super::super::text::show;
 use super::bad_header;
-use crate::geometry::Number as Kept;
+use crate::geometry::Number;
 use crate::{Error, ErrorKind};
 
 /// What the header says.
@@ -19,22 +19,22 @@ pub(super) struct Header {
 pub(super) struct Field {
     pub name: Option<String>,
     pub offset: usize,
-    number: Number,
+    number: Binary,
 }
 
 impl Field {
     /// The type that its values have among the attributes of points: halves become floats of 32 bits, whole numbers of
     /// 64 bits floats.
-    pub fn kept_as(&self) -> Kept {
+    pub fn kept_as(&self) -> Number {
         match (self.number.kind, self.number.size) {
-            (b'f', 2 | 4) => Kept::F32,
-            (b'i', 1) => Kept::I8,
-            (b'u', 1) => Kept::U8,
-            (b'i', 2) => Kept::I16,
-            (b'u', 2) => Kept::U16,
-            (b'i', 4) => Kept::I32,
-            (b'u', 4) => Kept::U32,
-            _ => Kept::F64,
+            (b'f', 2 | 4) => Number::F32,
+            (b'i', 1) => Number::I8,
+            (b'u', 1) => Number::U8,
+            (b'i', 2) => Number::I16,
+            (b'u', 2) => Number::U16,
+            (b'i', 4) => Number::I32,
+            (b'u', 4) => Number::U32,
+            _ => Number::F64,
         }
     }
 
@@ -51,7 +51,7 @@ impl Header {
         let (fields, item) = if descr.starts_with('[') {
             structure(descr)?
         } else {
-            let number = Number::parse(&quoted(descr).ok_or_else(|| odd_type(descr))?)?;
+            let number = Binary::parse(&quoted(descr).ok_or_else(|| odd_type(descr))?)?;
             let item = number.size;
             (vec![Field { name: None, offset: 0, number }], item)
         };
@@ -126,7 +126,7 @@ fn structure(value: &str) -> Result<(Vec<Field>, usize), Error> {
         };
         rest = rest.trim_start().strip_prefix(',').unwrap_or(rest);
         // Fields that are no numbers, such as names or fillers, are passed over.
-        let number = Number::parse(&kind);
+        let number = Binary::parse(&kind);
         let size = match &number {
             Ok(number) => number.size,
             Err(_) => void_size(&kind).ok_or_else(|| odd_type(value))?,
@@ -179,14 +179,14 @@ fn shape(value: &str) -> Result<Vec<u64>, Error> {
 
 /// The type of the array's numbers.
 #[derive(Clone, Copy, Debug)]
-struct Number {
+struct Binary {
     kind: u8,
     size: usize,
     big_endian: bool,
 }
 
-impl Number {
-    fn parse(descr: &str) -> Result<Number, Error> {
+impl Binary {
+    fn parse(descr: &str) -> Result<Binary, Error> {
         let unsupported = || {
             Error::new(
                 ErrorKind::Format,
@@ -204,7 +204,7 @@ impl Number {
             [kind @ (b'i' | b'u'), size @ (b'1' | b'2' | b'4' | b'8')] => (*kind, usize::from(size - b'0')),
             _ => return Err(unsupported()),
         };
-        Ok(Number { kind, size, big_endian: order == b'>' })
+        Ok(Binary { kind, size, big_endian: order == b'>' })
     }
 
     /// The number in `size` bytes; whole numbers of 64 bits are rounded to the nearest.

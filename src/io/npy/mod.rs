@@ -23,7 +23,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
     let (header, data) = split(bytes)?;
     let header = Header::parse(header)?;
     let mut loaded = Loaded::default();
-    let layout = Layout::of(&header, options, &mut loaded)?;
+    let layout = ArrayLayout::of(&header, options, &mut loaded)?;
 
     let promised = header.shape.iter().try_fold(1_u64, |all, n| all.checked_mul(*n));
     let needed = promised.and_then(|n| n.checked_mul(header.item as u64));
@@ -72,7 +72,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         }
     }
     if let Some(doubt) = doubted.then(|| evidence.doubt()).flatten() {
-        return Err(doubt.stop());
+        return Err(doubt.error());
     }
 
     let named = header.fields.len() > 1;
@@ -89,7 +89,8 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
     Ok(loaded)
 }
 
-/// An array of other things than points, in columns: its rows, and each column, named after the array.
+/// The columns of an array of values other than points, as attributes named after the array: `name`, or `name_1`,
+/// `name_2`, ... if there are several (`red`, `green`, `blue` for three of a colour), or `name.field`.
 ///
 /// # Errors
 ///
@@ -129,22 +130,26 @@ pub(super) fn columns(bytes: &[u8], name: &str) -> Result<Vec<Attribute>, Error>
 }
 
 /// Where the numbers of a point are.
-struct Layout {
+struct ArrayLayout {
     points: usize,
     columns: usize,
-    /// Items from a point to the next and from a column to the next; points of an image step twice.
+    /// Items from a point to the next in a row of an image (in the whole array, if it is none).
     point_step: usize,
+    /// Items from a column to the next.
     column_step: usize,
-    /// Points in a row of an image in storage order, and the step to the next row: 0 where one step is enough.
+    /// Points in a row of an image; 0 if the array is no image.
     width: usize,
+    /// Items from a row of an image to the next.
     row_step: usize,
+    /// The columns of x, y and z.
     column: [usize; 3],
+    /// The fields of x, y and z.
     field: [usize; 3],
     /// The columns have no names and were not given.
     guessed: bool,
 }
 
-impl Layout {
+impl ArrayLayout {
     /// Columns and fields beside those of x, y and z.
     fn others(&self, header: &Header) -> Vec<(usize, usize)> {
         let pairs = (0..self.columns).flat_map(|column| (0..header.fields.len()).map(move |f| (column, f)));
@@ -160,7 +165,7 @@ impl Layout {
         place + column * self.column_step
     }
 
-    fn of(header: &Header, options: &ReadOptions, loaded: &mut Loaded) -> Result<Layout, Error> {
+    fn of(header: &Header, options: &ReadOptions, loaded: &mut Loaded) -> Result<ArrayLayout, Error> {
         let wrong = || {
             let sizes: Vec<String> = header.shape.iter().map(u64::to_string).collect();
             Error::new(
@@ -176,7 +181,7 @@ impl Layout {
             sizes.push(size(*n)?);
         }
         let total = sizes.iter().try_fold(1_usize, |all, n| all.checked_mul(*n)).unwrap_or(usize::MAX);
-        let mut layout = Layout {
+        let mut layout = ArrayLayout {
             points: total,
             columns: 1,
             point_step: 1,
@@ -204,7 +209,8 @@ impl Layout {
             step = step.saturating_mul(sizes[axis]);
         }
         match sizes[..] {
-            // Three rows are no cloud, so many columns are points; up to 16 columns of many rows are columns.
+            // n x c, a row a point. Not if there are exactly 3 rows and more columns, or 3 to 16 rows and more than 16
+            // columns: such arrays are stored the other way round (next arm).
             [rows, columns]
                 if columns >= 3
                     && !(rows < columns && (3..=16).contains(&rows) && columns > 16)

@@ -7,8 +7,8 @@ use crate::{Error, ErrorKind};
 
 mod lzf;
 
-/// Names of a normal's components.
-const NORMAL: [[&str; 2]; 3] = [["normal_x", "nx"], ["normal_y", "ny"], ["normal_z", "nz"]];
+/// Names of the fields of a normal's components.
+const NORMAL_FIELDS: [[&str; 2]; 3] = [["normal_x", "nx"], ["normal_y", "ny"], ["normal_z", "nz"]];
 const MAX_HEADER: usize = 1 << 20;
 
 /// Whether the bytes begin with the header of a PCD file.
@@ -32,8 +32,9 @@ struct Field {
     size: usize,
     kind: u8,
     count: usize,
-    /// Where it begins in a row: in bytes and in words.
+    /// Where it begins in a row, in bytes.
     offset: usize,
+    /// Where it begins in a line of text, in words.
     word: usize,
 }
 
@@ -89,8 +90,11 @@ struct Header {
     organised: bool,
     viewpoint: Option<Vec<f64>>,
     data: Data,
+    /// Where the data begin, in bytes.
     body: usize,
+    /// Lines of the header.
     lines: u64,
+    /// Bytes of a point.
     row: usize,
 }
 
@@ -107,7 +111,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             wrong(format!("there is no field {axis}, only {}", names.join(", ")))
         })?;
     }
-    let normal = match NORMAL.map(|names| names.iter().find_map(|n| place(n))) {
+    let normal = match NORMAL_FIELDS.map(|names| names.iter().find_map(|n| place(n))) {
         [Some(a), Some(b), Some(c)] => Some([a, b, c]),
         _ => None,
     };
@@ -123,10 +127,10 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let body = &bytes[header.body..];
     match header.data {
         Data::Ascii => text(&header, body, &places, want, &mut loaded)?,
-        Data::Binary => binary(&header, body, Layout::Rows, &places, want, &mut loaded)?,
+        Data::Binary => binary(&header, body, Order::Rows, &places, want, &mut loaded)?,
         Data::Packed => {
             let columns = header.unpack(body)?;
-            binary(&header, &columns, Layout::Columns, &places, want, &mut loaded)?;
+            binary(&header, &columns, Order::Columns, &places, want, &mut loaded)?;
         }
     }
     unpack_colours(&mut loaded, &header, &places.more);
@@ -136,7 +140,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     }
     if let Some(v) = header.viewpoint.filter(|v| v[..] != [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]) {
         loaded.notices.push("the viewpoint was not applied; the points are as the file has them".into());
-        // At 0 0 0 it is where every program puts it that knows none.
+        // 0 0 0 is what programs write that do not know the scanner's place.
         let place = v.first_chunk::<3>().copied();
         loaded.viewpoints.extend(place.filter(|p| *p != [0.0; 3] && p.iter().all(|x| x.is_finite())));
     }
@@ -381,7 +385,7 @@ fn text(header: &Header, body: &[u8], places: &Places, want: Want, loaded: &mut 
 
 /// Where the values of binary data lie.
 #[derive(Clone, Copy)]
-enum Layout {
+enum Order {
     /// All fields of a point together, point by point.
     Rows,
     /// All numbers of a field before those of the next.
@@ -391,7 +395,7 @@ enum Layout {
 fn binary(
     header: &Header,
     body: &[u8],
-    layout: Layout,
+    order: Order,
     places: &Places,
     want: Want,
     loaded: &mut Loaded,
@@ -401,9 +405,9 @@ fn binary(
     for i in 0..rows {
         let value = |field: usize| {
             let field = &header.fields[field];
-            field.number(match layout {
-                Layout::Rows => &body[i * header.row + field.offset..],
-                Layout::Columns => &body[rows * field.offset + i * field.size * field.count..],
+            field.number(match order {
+                Order::Rows => &body[i * header.row + field.offset..],
+                Order::Columns => &body[rows * field.offset + i * field.size * field.count..],
             })
         };
         for (attribute, &field) in loaded.attributes.iter_mut().zip(&places.more) {

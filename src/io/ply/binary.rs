@@ -5,7 +5,7 @@ use std::io;
 use ply_rs::parser::{ParseError, Parser};
 use ply_rs::ply::{BeginList, ElementDef, Encoding, PropertyAccess, PropertyAccessResult, PropertyType};
 
-use super::super::{Loaded, NORMAL, Want, check_point, push_fan};
+use super::super::{Loaded, NORMAL_NAMES, Want, check_point, push_fan};
 use super::header::{Header, size};
 use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::{Error, ErrorKind};
@@ -120,7 +120,7 @@ impl<const MORE: bool> VertexRow<MORE> {
     fn set(&mut self, name: &str, value: f64) -> PropertyAccessResult {
         if let Some(axis) = axis_of(name) {
             self.point[axis] = value;
-        } else if let Some(axis) = NORMAL.iter().position(|n| *n == name) {
+        } else if let Some(axis) = NORMAL_NAMES.iter().position(|n| *n == name) {
             self.normal[axis] = value as f32;
         } else if MORE {
             self.more.push(value);

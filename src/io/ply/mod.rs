@@ -10,7 +10,7 @@ use ply_rs::ply::{ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
 
 use super::text::write_position;
 use super::width::Width;
-use super::{Loaded, NORMAL, Want};
+use super::{Loaded, NORMAL_NAMES, Want};
 use crate::geometry::{Attribute, Number};
 use crate::{Error, ErrorKind};
 
@@ -175,7 +175,7 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
                 let carried = if want == Want::Attributes { attributes(e) } else { Vec::new() };
                 let read = |k: &&str| {
                     let is_carried = carried.iter().any(|a| a.name == *k);
-                    axis_of(k).is_some() || (normals && NORMAL.contains(k)) || is_carried
+                    axis_of(k).is_some() || (normals && NORMAL_NAMES.contains(k)) || is_carried
                 };
                 let extra: Vec<&str> = e.properties.keys().map(String::as_str).filter(|k| !read(k)).collect();
                 let more = if extra.len() > 8 { ", ..." } else { "" };
@@ -186,7 +186,6 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
                     n => notices.push(format!("ignored {n} extra properties ({names}{more})")),
                 }
             }
-            "face" if want == Want::Mesh || e.count == 0 => {}
             "face" => {}
             name => notices.push(format!("ignored {} elements {name}", e.count)),
         }
@@ -203,7 +202,7 @@ fn axis_of(name: &str) -> Option<usize> {
 fn attributes(vertex: &ElementDef) -> Vec<Attribute> {
     let one = |(name, property): (&String, &PropertyDef)| {
         let PropertyType::Scalar(kind) = &property.data_type else { return None };
-        let other = axis_of(name).is_none() && !NORMAL.contains(&name.as_str());
+        let other = axis_of(name).is_none() && !NORMAL_NAMES.contains(&name.as_str());
         let number = match kind {
             ScalarType::Char => Number::I8,
             ScalarType::UChar => Number::U8,
@@ -221,7 +220,7 @@ fn attributes(vertex: &ElementDef) -> Vec<Attribute> {
 
 /// Whether vertices have a normal, as three numbers.
 fn has_normals(vertex: &ElementDef) -> bool {
-    NORMAL.iter().all(|name| {
+    NORMAL_NAMES.iter().all(|name| {
         vertex.properties.get(*name).is_some_and(|p| matches!(p.data_type, PropertyType::Scalar(_)))
     })
 }

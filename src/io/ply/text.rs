@@ -3,7 +3,7 @@
 use ply_rs::ply::{ElementDef, PropertyType, ScalarType};
 
 use super::super::text::{Lines, float, integer, not_a_number, show, words};
-use super::super::{Loaded, NORMAL, Want, check_point, push_fan, round_to_floats};
+use super::super::{Loaded, NORMAL_NAMES, Want, check_point, push_fan, round_to_floats};
 use super::header::Header;
 use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::geometry::{Attribute, Number};
@@ -77,7 +77,7 @@ fn vertex_of(
     each_property(line, def, |name, values| {
         if let Some(axis) = axis_of(name) {
             point[axis] = float(values[0]).ok_or_else(|| not_a_number(values[0]))?;
-        } else if let Some(axis) = NORMAL.iter().position(|a| *a == name) {
+        } else if let Some(axis) = NORMAL_NAMES.iter().position(|a| *a == name) {
             normal[axis] = values.first().and_then(|v| float(v)).map_or(f32::NAN, |n| n as f32);
         } else if let Some(attribute) = more.next_if(|a| a.name == name) {
             let value = float(values[0]).unwrap_or(f64::NAN);

@@ -9,7 +9,7 @@ use std::io::{self, Write};
 
 use super::doubt::{Doubt, Evidence};
 use super::options::{Columns, ReadOptions};
-use super::text::{Lines, integer, not_a_number, show, without_mark, write_position};
+use super::text::{Lines, integer, not_a_number, show, without_byte_order_mark, write_position};
 use super::width::Width;
 use super::{Loaded, Want, check_point, is_short_float};
 use crate::geometry::{Attribute, COLOUR, Number};
@@ -36,7 +36,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         numbered: None,
     };
     let mut fields = Vec::new();
-    for (number, line) in Lines::new(without_mark(bytes)?).skip(options.skip) {
+    for (number, line) in Lines::new(without_byte_order_mark(bytes)?).skip(options.skip) {
         let (data, comment) = split_comment(line.trim_ascii());
         if table.layout.is_none()
             && let Some(comment) = comment
@@ -84,12 +84,22 @@ fn split_comment(line: &[u8]) -> (&[u8], Option<&[u8]>) {
 /// The names of the columns.
 struct Header {
     names: Vec<String>,
-    /// In a comment; then whether they surely name columns.
-    comment: Option<bool>,
+    source: Source,
+}
+
+/// Where the names of the columns stand.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Source {
+    /// On a line of their own.
+    Line,
+    /// In a comment that surely names columns.
+    Comment,
+    /// In a comment that may be a sentence which only mentions x, y and z.
+    CommentInDoubt,
 }
 
 /// How rows are read, settled at the first one.
-struct Layout {
+struct RowLayout {
     dialect: Dialect,
     point: [usize; 3],
     normal: Option<[usize; 3]>,
@@ -114,11 +124,12 @@ struct Table<'a> {
     header: Option<Header>,
     /// A line of words in front of the names.
     title: Option<String>,
-    layout: Option<Layout>,
+    layout: Option<RowLayout>,
     scans: Vec<Scan>,
     evidence: Evidence,
     skipped_headers: usize,
-    /// The first line where it is 0, 1, 2 and so on: the names of a table without names, or a point.
+    /// Set if the first line reads 0, 1, 2, ...: either a point, or the header that pandas writes for columns without
+    /// names. Settled in `choose` or `finish`.
     numbered: Option<[f64; 3]>,
 }
 
@@ -127,9 +138,10 @@ impl Table<'_> {
     fn comment(&mut self, comment: &[u8]) {
         let text = String::from_utf8_lossy(comment);
         if let Some((names, sure)) = names::of_comment(&text)
-            && self.header.as_ref().is_none_or(|h| h.comment.is_some())
+            && self.header.as_ref().is_none_or(|h| h.source != Source::Line)
         {
-            self.header = Some(Header { names, comment: Some(sure) });
+            let source = if sure { Source::Comment } else { Source::CommentInDoubt };
+            self.header = Some(Header { names, source });
         }
     }
 
@@ -178,12 +190,12 @@ impl Table<'_> {
             match &self.header {
                 Some(_) if units => {}
                 // A row of words below the names of the coordinates is damage.
-                Some(h) if h.comment.is_none() && known(&h.names) && !known(&names) => return false,
+                Some(h) if h.source == Source::Line && known(&h.names) && !known(&names) => return false,
                 _ => {
-                    if let Some(old) = self.header.take().filter(|h| h.comment.is_none()) {
+                    if let Some(old) = self.header.take().filter(|h| h.source == Source::Line) {
                         self.title = Some(old.names.join(" "));
                     }
-                    self.header = Some(Header { names, comment: None });
+                    self.header = Some(Header { names, source: Source::Line });
                 }
             }
             return true;
@@ -194,7 +206,7 @@ impl Table<'_> {
             self.loaded.warnings.push(format!("the line {} was not read", show(line.as_bytes())));
             return true;
         }
-        // `,0,1,2` or `0,1,2`, as tables without names get when they are saved with their header.
+        // `,0,1,2` or `0,1,2`, the header that pandas writes for columns without names.
         let counted = |fields: &[&[u8]]| {
             fields.len() >= 3 && fields.iter().enumerate().all(|(i, f)| integer(f) == Some(i as i64))
         };
@@ -211,7 +223,7 @@ impl Table<'_> {
                 } else {
                     self.numbered = Some([0.0, 1.0, 2.0]);
                 }
-                self.header = Some(Header { names, comment: None });
+                self.header = Some(Header { names, source: Source::Line });
                 return true;
             }
         }
@@ -219,12 +231,12 @@ impl Table<'_> {
     }
 
     /// Settles the columns at the first row.
-    fn choose(&mut self, dialect: Dialect, fields: &[&[u8]], open: bool) -> Result<Layout, Error> {
+    fn choose(&mut self, dialect: Dialect, fields: &[&[u8]], open: bool) -> Result<RowLayout, Error> {
         // The last column of the first row may be empty.
         let named = self.header.as_ref().map_or(0, |h| h.names.len());
         let total = fields.len() + usize::from(open && named == fields.len() + 1);
         let mut layout =
-            Layout { dialect, point: [0, 1, 2], normal: None, more: Vec::new(), total, guessed: true };
+            RowLayout { dialect, point: [0, 1, 2], normal: None, more: Vec::new(), total, guessed: true };
         if dialect.decimal_comma {
             self.loaded.notices.push("numbers have decimal commas".into());
         }
@@ -234,7 +246,7 @@ impl Table<'_> {
             None => self.apply_header(&mut layout, fields)?,
         }
         if self.numbered.is_some() && named + 1 == total {
-            // One number less than columns: that of the numbers of rows has none.
+            // One number less than the row has columns: the column of row numbers has no name, so the line is a header.
             self.numbered = None;
             self.loaded.warnings.push(
                 "the first line, which counts 0, 1, 2, was taken for the names of columns, not for a point"
@@ -267,12 +279,12 @@ impl Table<'_> {
     }
 
     /// Takes the columns that have a name and hold no coordinate for attributes.
-    fn add_attributes(&mut self, layout: &mut Layout) {
+    fn add_attributes(&mut self, layout: &mut RowLayout) {
         let Some(header) = self.header.as_ref().filter(|_| self.numbered.is_none()) else { return };
         let names = header.names.len();
         // The numbers of the rows of a table may have no name.
-        let shift = usize::from(header.comment.is_none() && names + 1 == layout.total);
-        if names + shift != layout.total || header.comment == Some(false) {
+        let shift = usize::from(header.source == Source::Line && names + 1 == layout.total);
+        if names + shift != layout.total || header.source == Source::CommentInDoubt {
             return;
         }
         for (column, name) in (shift..).zip(&header.names) {
@@ -309,20 +321,20 @@ impl Table<'_> {
     }
 
     /// Takes the columns from the names above the first row, if there are any.
-    fn apply_header(&mut self, layout: &mut Layout, fields: &[&[u8]]) -> Result<(), Error> {
+    fn apply_header(&mut self, layout: &mut RowLayout, fields: &[&[u8]]) -> Result<(), Error> {
         let total = layout.total;
-        let label = || self.label(layout, fields);
+        let label = || refuse_row_labels(layout, fields, self.options.assume);
         let Some(header) = &self.header else { return label() };
         let names = header.names.len();
         // A table of R has no name for the labels of its rows.
-        let shift = usize::from(header.comment.is_none() && names + 1 == total);
+        let shift = usize::from(header.source == Source::Line && names + 1 == total);
         let fits = names + shift == total;
         let axes = names::axes(&header.names);
         if let Axes::Found { point, normal, twice, depth } = axes {
-            if header.comment == Some(false) && !fits {
+            if header.source == Source::CommentInDoubt && !fits {
                 return label();
             }
-            if header.comment.is_none() && total == 2 * names && layout.dialect.is_comma() {
+            if header.source == Source::Line && total == 2 * names && layout.dialect.is_comma() {
                 return Err(Error::new(
                     ErrorKind::Format,
                     format!("{names} columns are named, but the first row has {total}"),
@@ -346,14 +358,14 @@ impl Table<'_> {
                         .into(),
                 );
             }
-            if header.comment.is_none() && !fits {
+            if header.source == Source::Line && !fits {
                 self.loaded.warnings.push(format!(
                     "{names} columns are named, but the first row has {total}; names were counted from the left"
                 ));
             }
             return Ok(());
         }
-        if header.comment.is_some() && !(axes == Axes::Degrees && fits) {
+        if header.source != Source::Line && !(axes == Axes::Degrees && fits) {
             return label();
         }
         if axes == Axes::Degrees {
@@ -373,25 +385,20 @@ impl Table<'_> {
             // A title and no names.
             self.title = Some(header.names.join(" "));
             self.header = None;
-            return self.label(layout, fields);
+            return refuse_row_labels(layout, fields, self.options.assume);
         }
         let listed = listed(&header.names);
         if total == 3 && axes == Axes::Unknown || self.options.assume {
             self.loaded
                 .warnings
                 .push(format!("the column names {listed} give no x, y, z; the first 3 columns were used"));
-            return label_only(layout, fields, self.options.assume);
+            return refuse_row_labels(layout, fields, self.options.assume);
         }
         Err(Error::new(
             ErrorKind::Format,
             format!("it is not certain where the coordinates are: the columns are named {listed}"),
         )
         .advise("name those of x, y and z, as in --columns 2,3,4, or give --assume to read the first three"))
-    }
-
-    /// Refuses rows that begin with a word and go on with numbers.
-    fn label(&self, layout: &Layout, fields: &[&[u8]]) -> Result<(), Error> {
-        label_only(layout, fields, self.options.assume)
     }
 
     /// Looks at the second row where the first was 0, 1, 2 and so on: if it has one column more, the first was the
@@ -468,7 +475,7 @@ impl Table<'_> {
 
     fn is_repeated_header(&self, fields: &[&[u8]]) -> bool {
         self.header.as_ref().is_some_and(|h| {
-            h.comment.is_none()
+            h.source == Source::Line
                 && h.names.len() == fields.len()
                 && h.names.iter().zip(fields).all(|(n, f)| n.as_bytes() == *f)
         })
@@ -477,7 +484,7 @@ impl Table<'_> {
     fn finish(mut self) -> Result<Loaded, Error> {
         if self.options.columns.is_none() && !self.options.assume {
             if let Some(doubt) = self.evidence.doubt() {
-                return Err(doubt.stop());
+                return Err(doubt.error());
             }
             if self.evidence.counts_in_three() {
                 self.loaded.warnings.push(
@@ -487,7 +494,7 @@ impl Table<'_> {
             }
         }
         if let Some(point) = self.numbered {
-            // Whole numbers all through: 0, 1, 2 is one of them.
+            // If all coordinates are whole numbers, 0, 1, 2 is a point like the others.
             let point = (self.evidence.all_bare() || self.loaded.verts.is_empty()).then_some(point);
             let what = if point.is_some() { "a point" } else { "the names of columns, not for a point" };
             self.loaded.warnings.push(format!("the first line, which counts 0, 1, 2, was taken for {what}"));
@@ -557,14 +564,14 @@ impl Table<'_> {
     }
 }
 
-/// Refuses a guess where rows begin with a word and go on with numbers.
-fn label_only(layout: &Layout, fields: &[&[u8]], assume: bool) -> Result<(), Error> {
+/// Refuses rows that begin with a word (a label) and go on with three numbers, unless told to `assume`.
+fn refuse_row_labels(layout: &RowLayout, fields: &[&[u8]], assume: bool) -> Result<(), Error> {
     let number = |i: usize| fields.get(i).is_some_and(|f| layout.dialect.number(f).is_some());
     if assume || number(0) || !(1..4).all(number) {
         return Ok(());
     }
     let what = format!("column 1 holds words such as {}", show(fields[0]));
-    Err(Doubt { what, from: Some(1) }.stop())
+    Err(Doubt { what, from: Some(1) }.error())
 }
 
 /// A type that holds numbers exactly, or as their digits have them: the narrowest of bytes, integers of 32 bits, and

@@ -3,8 +3,15 @@
 /// What the names of columns say.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub(super) enum Axes {
-    /// The columns of a position and, if named, of a normal; whether a second column had one of the names.
-    Found { point: [usize; 3], normal: Option<[usize; 3]>, twice: bool, depth: bool },
+    /// The columns of a position and, if named, of a normal.
+    Found {
+        point: [usize; 3],
+        normal: Option<[usize; 3]>,
+        /// Another column has a name of the same meaning.
+        twice: bool,
+        /// z is named as a depth, which may count downwards.
+        depth: bool,
+    },
     /// Longitude and latitude: angles, no lengths.
     Degrees,
     /// Names of other things than positions, such as normals, colours or numbers of points.
@@ -22,8 +29,10 @@ enum Name {
     Worded(usize),
     /// `easting`, `N`.
     Map(usize),
-    /// A height, which goes with either; whether it counts downwards.
-    Height(bool),
+    /// A height, which goes with either.
+    Height {
+        downwards: bool,
+    },
     Normal(usize),
     Degree,
     /// Known, and no coordinate.
@@ -138,7 +147,7 @@ pub(super) fn axes(names: &[String]) -> Axes {
         place(&|n| if plain { n == Name::Plain(a) } else { n == Name::Plain(a) || n == Name::Worded(a) })
     };
     let worded = |a: usize| place(&|n| n == Name::Worded(a));
-    let height = || place(&|n| matches!(n, Name::Height(_)));
+    let height = || place(&|n| matches!(n, Name::Height { .. }));
     let schemes: [[Option<usize>; 3]; 5] = [
         [letter(0, true), letter(1, true), letter(2, true)],
         [worded(0), worded(1), worded(2)],
@@ -156,7 +165,12 @@ pub(super) fn axes(names: &[String]) -> Axes {
                 [Some(a), Some(b), Some(c)] => Some([a, b, c]),
                 _ => None,
             };
-            return Axes::Found { point, normal, twice, depth: known[z] == Some(Name::Height(true)) };
+            return Axes::Found {
+                point,
+                normal,
+                twice,
+                depth: known[z] == Some(Name::Height { downwards: true }),
+            };
         }
     }
     if known.iter().filter(|n| **n == Some(Name::Degree)).count() >= 2 {
@@ -237,7 +251,7 @@ fn meaning(name: &str) -> Option<Name> {
         let rest: Vec<&str> = bare.iter().copied().filter(|t| !POSITION.contains(t)).collect();
         let axis = |word: &&str| match one_word(word)? {
             Name::Plain(a) | Name::Map(a) => Some(a),
-            Name::Height(false) => Some(2),
+            Name::Height { downwards: false } => Some(2),
             _ => None,
         };
         if let [first, second] = rest[..]
@@ -283,9 +297,9 @@ fn one_word(word: &str) -> Option<Name> {
     } else if among(&NORTH) {
         Some(Name::Map(1))
     } else if among(&HEIGHT) {
-        Some(Name::Height(false))
+        Some(Name::Height { downwards: false })
     } else if word == "depth" || word == "tiefe" {
-        Some(Name::Height(true))
+        Some(Name::Height { downwards: true })
     } else if among(&DEGREES) {
         Some(Name::Degree)
     } else if among(&OTHER) || word == "point" {

@@ -11,22 +11,20 @@ use crate::start::USUAL_AREA;
 use std::fmt;
 use std::str::FromStr;
 
-/// A named configuration.
+/// A named configuration. How long they take and how good the results are: `README.md` and `benches/compare.md`.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[non_exhaustive]
 pub enum Preset {
-    /// The first shape that the others begin with, finished: no training, some four processor seconds for
-    /// 300 points.
+    /// The first shape that the others begin with, finished: no training.
     Start,
     /// The terms, weights and field of the paper, with codes and patches that begin spread out (`benches/paper.md`);
-    /// what it leaves open keeps a run at minutes.
+    /// what it leaves open keeps a run short.
     Paper,
     /// A quick look: fewer steps than `default`, on a coarser grid.
     Fast,
-    /// For a few hundred points in about 12 processor seconds; departs from the paper where that measured better
-    /// (`benches/paper.md`).
+    /// For a few hundred points; departs from the paper where that measured better (`benches/paper.md`).
     Default,
-    /// A wider field, finer grids and more steps, in about 80 processor seconds.
+    /// A wider field, finer grids and more steps.
     Fine,
 }
 
@@ -84,7 +82,7 @@ impl Default for Config {
 }
 
 /// The terms and weights of the paper, with our layout, charts and slack (`benches/paper.md`). It leaves the rates, the
-/// steps and the grid open; these keep a run at about a minute.
+/// steps and the grid open; these keep a run short.
 fn paper() -> Config {
     Config {
         denoise: false,
