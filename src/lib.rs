@@ -36,8 +36,9 @@
 //!   ([`geometry::Normalizer`]). Lengths in [`Config`] are in the working frame.
 //! - **Sign.** The field is negative inside.
 //! - **Winding.** Faces run counter-clockwise seen from outside, so a closed mesh has a positive volume.
-//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes, k neighbours, c channels, h
-//!   heads, v vertices, e edges, t tetrahedra, f faces; b centres of a block, i points of S. Tensors are row-major.
+//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes or places that are asked
+//!   about, k neighbours, c channels, h heads, v vertices, e edges, t tetrahedra, f faces; b centres of a block, i
+//!   points of S. Tensors are row-major.
 //! - **Randomness.** The seed is part of the options. The same input, seed and options give the same bytes for any
 //!   number of threads on one machine.
 //! - **Errors.** Wrong data gives an [`Error`] with where and what to do; wrong shapes are bugs and panic, naming both.

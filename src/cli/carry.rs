@@ -18,8 +18,8 @@ pub struct Carried {
 }
 
 impl Carried {
-    /// What a mesh takes over from those of the cloud's points that are `kept` (their numbers), and a warning about
-    /// what it does not, which is told, too.
+    /// The attributes of the `kept` points (indices into the cloud) that the format of `output` can hold; and, if some
+    /// or all cannot be carried, a warning, which is also printed here.
     pub fn new(cloud: PointCloud, kept: &[u32], output: &Output, common: Common) -> (Self, Option<String>) {
         let format = output.format();
         let (attributes, left): (Vec<Attribute>, Vec<Attribute>) =
@@ -77,12 +77,12 @@ pub fn check_format(output: &Output, carry: bool, support: bool) -> Result<(), F
     Ok(())
 }
 
-/// The name of the property that `--support` writes.
+/// The name of the property that `--support` writes: a gap, so large where no point is near.
 const SUPPORT: &str = "support";
 
 /// All attributes of a mesh: those carried and, if asked for, the support. Where two have the same name the later gets
 /// a number behind it.
-pub fn all(support: Option<Vec<f32>>, carried: Vec<Attribute>) -> Vec<Attribute> {
+pub fn vertex_attributes(support: Option<Vec<f32>>, carried: Vec<Attribute>) -> Vec<Attribute> {
     let support = support.map(|values| Attribute {
         name: SUPPORT.into(),
         number: Number::F32,
@@ -121,8 +121,9 @@ mod tests {
     fn names_are_plain_and_each_is_of_its_own() {
         let of = |name: &str| Attribute { name: plain(name), number: Number::U8, values: vec![1.0] };
         let carried = ["support", "größe in m", "", "x", "support"].map(of).to_vec();
-        let names: Vec<String> = all(Some(vec![0.5]), carried).into_iter().map(|a| a.name).collect();
+        let names: Vec<String> =
+            vertex_attributes(Some(vec![0.5]), carried).into_iter().map(|a| a.name).collect();
         assert_eq!(names, ["support", "support_2", "gr__e_in_m", "unnamed", "x_2", "support_3"]);
-        assert!(all(None, Vec::new()).is_empty());
+        assert!(vertex_attributes(None, Vec::new()).is_empty());
     }
 }

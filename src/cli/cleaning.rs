@@ -7,10 +7,10 @@ use clap::ValueEnum;
 /// What to do with points that belong to no surface.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
 pub enum Outliers {
-    /// Leave out those that are hardly points of a surface
+    /// Leave out points that almost certainly belong to no surface
     #[default]
     Auto,
-    /// Leave out those that are likely none, too
+    /// Also leave out points that probably belong to no surface
     Remove,
     /// Keep all, but tell of them
     Keep,
@@ -31,8 +31,9 @@ impl Outliers {
 const MAX_SHOWN: usize = 3;
 /// The fewest points whose shape is judged: fewer look flat or straight by chance.
 const MIN_POINTS: usize = 20;
-/// The third extent of a cloud, of its first, below which it is nearly flat.
-const MIN_EXTENT_RATIO: f64 = 1e-4;
+/// A cloud whose third extent is below this share of its first is nearly flat, which is worth a warning. (Below 1e-6 it
+/// is refused.)
+const NEARLY_FLAT: f64 = 1e-4;
 
 /// The numbers of the strays among distinct points, ascending, and what to say of them.
 pub fn strays(points: &[[f64; 3]], outliers: Outliers) -> (Vec<u32>, Option<String>) {
@@ -53,7 +54,7 @@ pub fn strays(points: &[[f64; 3]], outliers: Outliers) -> (Vec<u32>, Option<Stri
     (found, Some(text))
 }
 
-/// The points, or what there is one of for each of them, without some, whose numbers ascend.
+/// `points` (or any list with one entry a point) without the entries at the indices `left_out`, which ascend.
 pub fn without<T: Copy>(points: &[T], left_out: &[u32]) -> Vec<T> {
     let mut left_out = left_out.iter().peekable();
     let kept = |(i, _): &(u32, &T)| left_out.next_if(|&&out| out == *i).is_none();
@@ -68,7 +69,7 @@ pub fn doubts(clean: &CleanCloud) -> Vec<String> {
         told.push(format!("{n} points are few: the shape between them is a guess; a few hundred are better"));
     }
     let [first, _, third] = clean.extents;
-    if third < MIN_EXTENT_RATIO * first {
+    if third < NEARLY_FLAT * first {
         told.push(format!(
             "the points are nearly in one plane: they extend {third:.1e} across and {first:.1e} along it; a surface \
              needs points on all of its sides"

@@ -38,8 +38,8 @@ pub fn coverage_text(c: &Coverage) -> Vec<String> {
     if let Some(codes) = &c.codes {
         let folded = codes.folded().map_or("-".to_string(), |x| format!("{:.1} %", 100.0 * x));
         lines.push(format!(
-            "codes: mean {:.3} long, {} of the sphere's {} in patches ({:.1} %), {folded} of the pairs of S in one place \
-             are of far codes",
+            "codes: mean {:.3} long, {} of the sphere's {} in patches ({:.1} %), {folded} of the pairs of points of S \
+             that lie in one place have codes far apart",
             codes.mean_code,
             codes.used,
             codes.sphere,

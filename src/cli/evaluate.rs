@@ -9,7 +9,7 @@ use clap::{Args, ValueEnum};
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{Content, Input, Local, name, print, say};
+use super::files::{Content, Input, Local, name, print, say_all_but_last};
 use super::json::Object;
 use super::points::{self, Style};
 use super::report::topology_json;
@@ -180,11 +180,8 @@ pub fn run(args: &EvaluateArgs, common: Common) -> Result<(), Failure> {
     } else {
         print(table().to_text())?;
     }
-    // The last of several failures is the program's own to say, as it says any.
-    let mut failed: Vec<Failure> = compared.into_iter().filter_map(|c| c.outcome.err()).collect();
-    let Some(last) = failed.pop() else { return Ok(()) };
-    failed.iter().filter_map(Failure::line).for_each(|line| say(&line));
-    Err(last)
+    let failed = compared.into_iter().filter_map(|c| c.outcome.err()).collect();
+    say_all_but_last(failed).map_or(Ok(()), Err)
 }
 
 /// Reads and compares one ground truth, one prediction and, if there is one, one scan.

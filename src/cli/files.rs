@@ -28,7 +28,7 @@ pub enum Content {
 }
 
 impl Content {
-    /// What to subtract so that 32 bits hold its detail; from what it is compared with, too.
+    /// What to subtract so that 32 bits hold its detail. Subtract the same from whatever it is compared with.
     pub fn offset(&self) -> [f64; 3] {
         match self {
             Content::Mesh(mesh) => mesh.offset(),
@@ -137,8 +137,8 @@ impl<'a> Input<'a> {
             return self.cloud().map(Content::Cloud);
         }
         match self.mesh() {
-            // A file that has points and is whole, but has no faces, is a cloud; what is wrong with a mesh is told, and
-            // of what is none as the reader of clouds tells it.
+            // No usable mesh. If the file reads as a cloud and has no faces, it is one; if it does not even read as a
+            // cloud, that error is told; if it has faces, the error of the mesh is.
             Err(Failure::Input(e)) if e.kind() == ErrorKind::Data => match self.cloud() {
                 Ok(cloud) if cloud.faces == 0 => Ok(Content::Cloud(cloud)),
                 Err(own) => Err(own),
@@ -314,6 +314,13 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
 pub fn print(bytes: impl AsRef<[u8]>) -> Result<(), Failure> {
     let mut out = io::stdout().lock();
     out.write_all(bytes.as_ref()).and_then(|()| out.flush()).map_err(Failure::of_stdout)
+}
+
+/// Prints all failures but the last, which it returns: `run` prints that one and exits with its code.
+pub fn say_all_but_last(mut failures: Vec<Failure>) -> Option<Failure> {
+    let last = failures.pop();
+    failures.iter().filter_map(Failure::line).for_each(|line| say(&line));
+    last
 }
 
 /// Writes a line to standard error. Nobody can be told that this failed.

@@ -145,8 +145,10 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
         text += &bounds_text(low, high);
         text += &format!("longest     {}\n", shortest(bounds.longest()));
         if offset != [0.0; 3] {
-            text +=
-                &format!("offset      {}, to be subtracted where 32 bits have to do\n", offset_text(offset));
+            text += &format!(
+                "offset      {}, subtract it before storing the coordinates in 32 bits\n",
+                offset_text(offset)
+            );
         }
         if !stray.is_empty() {
             text += &format!("strays      {}\n", stray.len());
@@ -192,7 +194,8 @@ fn attribute_json(attribute: &Attribute) -> String {
         .finish()
 }
 
-/// Least, median and largest distance to the nearest other point.
+/// Least, median and largest distance to the nearest other point. Not the spacing that `--trim` means, which is that of
+/// an area.
 pub fn spacing<P: Position>(points: &[P]) -> Option<[f64; 3]> {
     if points.len() < 2 {
         return None;

@@ -11,11 +11,14 @@ use super::files::say;
 /// What a signal finds the program doing.
 #[derive(Clone, Debug, Default, PartialEq)]
 enum State {
-    /// Nothing that would be worth an orderly end, with what is kept if the program ends now.
+    /// No work that an orderly end would save.
     #[default]
     Idle,
+    /// The steps are done; the text says what is kept if the program ends now.
     Kept(String),
+    /// In the steps: the first signal asks for an end.
     Training,
+    /// That signal has come.
     Asked,
 }
 
@@ -56,7 +59,7 @@ impl Interrupt {
         *self.lock() = State::Training;
     }
 
-    /// From here on Ctrl-C ends the program; whether it was pressed before.
+    /// From here on Ctrl-C ends the program at once. Returns whether it was pressed during the steps.
     pub fn end(&self) -> bool {
         std::mem::take(&mut *self.lock()) == State::Asked
     }

@@ -9,14 +9,14 @@ use super::Common;
 use super::failure::Failure;
 
 /// The most threads that may be asked for, per processor; more only take memory.
-const THREADS: usize = 4;
+const MAX_THREADS_PER_PROCESSOR: usize = 4;
 /// The least limit, so that small machines can try what large ones do.
 const MIN_THREADS: usize = 16;
 
 /// Refuses more threads than make sense.
 pub fn check_threads(threads: usize) -> Result<(), Failure> {
     let processors = std::thread::available_parallelism().map_or(1, usize::from);
-    let most = (THREADS * processors).max(MIN_THREADS);
+    let most = (MAX_THREADS_PER_PROCESSOR * processors).max(MIN_THREADS);
     if threads <= most {
         return Ok(());
     }
@@ -26,11 +26,11 @@ pub fn check_threads(threads: usize) -> Result<(), Failure> {
 
 /// Bytes of a training step on a grid of `cubes` a side, over cubes^2: about 12 active vertices for each square that
 /// the surface crosses, times the bytes that the pass through the field keeps of each.
-const STEP: f64 = 4000.0;
+const STEP_BYTES: f64 = 4000.0;
 /// Bytes of the extraction of a mesh, over cubes^2: values and places of the finest level, and the mesh.
-const MESH: f64 = 1500.0;
+const MESH_BYTES: f64 = 1500.0;
 /// The least megabytes of which the user is told beforehand.
-const WORTH_TELLING: f64 = 2000.0;
+const MIN_TOLD_MEGABYTES: f64 = 2000.0;
 
 /// Bytes that the largest grids of a run may need: those of its stages, and that of the mesh.
 fn needed(config: &Config, resolution: usize) -> (f64, usize) {
@@ -38,7 +38,7 @@ fn needed(config: &Config, resolution: usize) -> (f64, usize) {
     let finest = config.stages.iter().map(|s| s.resolution).max().unwrap_or(0);
     // In proportion to the width of the field, beyond the presets' 64.
     let wide = (config.field.width as f64 / 64.0).max(1.0);
-    let (step, mesh) = (STEP * wide * square(finest), MESH * square(resolution));
+    let (step, mesh) = (STEP_BYTES * wide * square(finest), MESH_BYTES * square(resolution));
     if step >= mesh { (step, finest) } else { (mesh, resolution) }
 }
 
@@ -46,7 +46,7 @@ fn needed(config: &Config, resolution: usize) -> (f64, usize) {
 pub fn check_memory(config: &Config, resolution: usize, common: Common) -> Result<(), Failure> {
     let (bytes, cubes) = needed(config, resolution);
     let megabytes = bytes / 1e6;
-    if megabytes < WORTH_TELLING {
+    if megabytes < MIN_TOLD_MEGABYTES {
         return Ok(());
     }
     let there = memory().map(|bytes| bytes / 1e6);
@@ -87,7 +87,7 @@ mod tests {
     #[test]
     fn presets_are_small_and_a_thousand_cubes_are_told() {
         for preset in Preset::ALL {
-            assert!(needed(&Config::preset(preset), 256).0 < 1e6 * WORTH_TELLING, "{preset}");
+            assert!(needed(&Config::preset(preset), 256).0 < 1e6 * MIN_TOLD_MEGABYTES, "{preset}");
         }
         let mut config = Config::preset(Preset::Default);
         config.stages = vec![Stage { resolution: 1024, steps: 1 }];

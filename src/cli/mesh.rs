@@ -6,7 +6,7 @@ use bijective_sdf::io::{Format, ReadOptions};
 use clap::Args;
 
 use super::Common;
-use super::carry::{Carried, all, check_format};
+use super::carry::{Carried, check_format, vertex_attributes};
 use super::failure::Failure;
 use super::files::{Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, write_bytes};
 use super::fineness::FinenessArgs;
@@ -70,7 +70,7 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     let mesh = args.fineness.of(field.cloud().len()).mesh(&field)?;
     let Part { mesh, cut, support } = args.trim.part(mesh, field.cloud(), common)?;
     let topology = mesh.topology();
-    output.write_mesh(&mesh, &all(support, carried.at(&mesh.verts)?))?;
+    output.write_mesh(&mesh, &vertex_attributes(support, carried.at(&mesh.verts)?))?;
     if let Some(path) = &args.view.preview {
         let image = render(field.cloud(), &mesh, &View::from(&args.view))?;
         write_bytes(path, &image.to_png())?;

@@ -40,8 +40,8 @@ mod trim;
 use failure::Failure;
 
 const AFTER: &str = "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad input, 4 finished but the mesh is not closed \
-                     and oriented, 130 interrupted: during the steps after writing a checkpoint, behind them with the \
-                     field kept.\n\
+                     and oriented, 130 interrupted (during the steps a checkpoint is written first; while the mesh \
+                     is made the field is kept).\n\
                      A file name `-` means standard input or output. Results go to standard output, messages to \
                      standard error.";
 
@@ -88,7 +88,7 @@ enum Command {
     Demo(demo::DemoArgs),
     /// Write the mesh of a saved field
     Mesh(mesh::MeshArgs),
-    /// Print the signed distances of a saved field at points
+    /// Print the signed distances of a saved field at points, in the unit of the reconstructed cloud, negative inside
     Sdf(sdf::SdfArgs),
     /// Compare reconstructed meshes with ground truths
     Evaluate(evaluate::EvaluateArgs),

@@ -7,7 +7,7 @@ use bijective_sdf::geometry::about;
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{Input, name, print, say};
+use super::files::{Input, name, print, say_all_but_last};
 use super::json::Object;
 
 /// How to print.
@@ -22,7 +22,7 @@ pub enum Style {
 
 /// Compares pairs of a ground truth and points.
 pub fn run(pairs: &[PathBuf], options: &Options, style: Style, common: Common) -> Result<(), Failure> {
-    let mut compared: Vec<(String, Result<PointsReport, Failure>)> =
+    let compared: Vec<(String, Result<PointsReport, Failure>)> =
         pairs.chunks_exact(2).map(|files| (name(&files[1]), compare(files, options, common))).collect();
     if style == Style::Json {
         let line = |(name, outcome): &(String, Result<PointsReport, Failure>)| {
@@ -43,7 +43,7 @@ pub fn run(pairs: &[PathBuf], options: &Options, style: Style, common: Common) -
         print(compared.iter().map(line).collect::<String>())?;
     } else {
         let head = ["name", "points", "distinct", "10 to truth", "10 truth to it", "10 floor"];
-        // No table of many shapes, whose mean and median would be of clouds and surfaces together.
+        // No mean and median: the rows may be clouds and denser points of the same shapes.
         let mut table = TextTable::new(head.map(Cell::text));
         for (name, outcome) in &compared {
             let report = outcome.as_ref().ok();
@@ -60,11 +60,8 @@ pub fn run(pairs: &[PathBuf], options: &Options, style: Style, common: Common) -
             Style::Text | Style::Json => table.to_text(),
         })?;
     }
-    // The last of several failures is the program's own to say, as it says any.
-    let mut failed: Vec<Failure> = compared.drain(..).filter_map(|(_, outcome)| outcome.err()).collect();
-    let Some(last) = failed.pop() else { return Ok(()) };
-    failed.iter().filter_map(Failure::line).for_each(|line| say(&line));
-    Err(last)
+    let failed = compared.into_iter().filter_map(|(_, outcome)| outcome.err()).collect();
+    say_all_but_last(failed).map_or(Ok(()), Err)
 }
 
 fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<PointsReport, Failure> {

@@ -14,12 +14,21 @@ const PAUSE: Duration = Duration::from_secs(10);
 /// Shows steps.
 pub struct Progress {
     shown: Shown,
-    /// The phase of the last step, when this run came to it, and the steps made before.
-    phase: Option<(Phase, Instant, usize)>,
+    /// The phase of the last step.
+    current: Option<Current>,
     began: Instant,
     before: usize,
     total: usize,
     recoveries: usize,
+}
+
+/// The phase that a run is in.
+struct Current {
+    phase: Phase,
+    /// When this run came to it.
+    began: Instant,
+    /// The steps made before.
+    steps_before: usize,
 }
 
 enum Shown {
@@ -48,7 +57,7 @@ impl Progress {
         };
         Progress {
             shown,
-            phase: None,
+            current: None,
             began: Instant::now(),
             before,
             total,
@@ -64,11 +73,14 @@ impl Progress {
             let reason = trainer.last_recovery().unwrap_or("training went wrong");
             self.note(&format!("{reason}; going on from an earlier state with smaller steps"));
         }
-        let new_phase = self.phase.is_none_or(|(phase, ..)| phase != report.phase);
+        let new_phase = self.current.as_ref().is_none_or(|current| current.phase != report.phase);
         if new_phase {
             // Steps of different phases take different times; the first of all may have begun before.
-            let began = if self.phase.is_none() { self.began } else { Instant::now() };
-            self.phase = Some((report.phase, began, if self.phase.is_none() { self.before } else { done }));
+            let (began, steps_before) = match self.current {
+                None => (self.began, self.before),
+                Some(_) => (Instant::now(), done),
+            };
+            self.current = Some(Current { phase: report.phase, began, steps_before });
         }
         let text = self.describe(done, report);
         match &mut self.shown {
@@ -120,9 +132,9 @@ impl Progress {
 
     /// About how long the training still takes, by the steps of its kind made so far.
     fn left(&self, done: usize) -> String {
-        match self.phase {
-            Some((_, began, before)) if done > before => {
-                let step = began.elapsed().as_secs_f64() / (done - before) as f64;
+        match self.current {
+            Some(Current { began, steps_before, .. }) if done > steps_before => {
+                let step = began.elapsed().as_secs_f64() / (done - steps_before) as f64;
                 format!("{} left  ", duration(step * self.total.saturating_sub(done) as f64))
             }
             _ => String::new(),

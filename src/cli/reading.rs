@@ -18,7 +18,8 @@ pub struct ReadArgs {
     /// Columns of x, y and z by number from 1, as in `2,3,4`, or by name, as in `E,N,Z` (text, raw, npy)
     #[arg(long, value_name = "X,Y,Z")]
     columns: Option<Columns>,
-    /// What separates the columns of a text: comma, semicolon, tab, space, or one character [default: found out]
+    /// What separates the columns of a text: comma, semicolon, tab, space, bar, or one character that
+    /// numbers do not have [default: found out]
     #[arg(long, value_name = "CHAR", value_parser = delimiter)]
     delimiter: Option<u8>,
     /// Leave out the first lines of a text
@@ -40,7 +41,9 @@ fn delimiter(text: &str) -> Result<u8, String> {
         ("space", _) => Ok(b' '),
         ("bar" | "pipe", _) => Ok(b'|'),
         (_, &[byte]) if !byte.is_ascii_alphanumeric() && !b".+-\"".contains(&byte) => Ok(byte),
-        _ => Err("comma, semicolon, tab, space or one character that no number has expected".into()),
+        _ => {
+            Err("expected comma, semicolon, tab, space, bar or one character that numbers do not have".into())
+        }
     }
 }
 

@@ -12,14 +12,14 @@ use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 
 use super::Common;
-use super::carry::{Carried, all, check_format};
+use super::carry::{Carried, check_format, vertex_attributes};
 use super::cleaning::{Outliers, doubts, strays, without};
 use super::codes::CodesFiles;
 use super::coverage::{coverage_json, coverage_text};
 use super::failure::Failure;
 use super::files::{
     CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, is_pipe,
-    is_same_file, offset_text, print, say, write_bytes,
+    is_same_file, offset_text, print, say, say_all_but_last, write_bytes,
 };
 use super::fineness::FinenessArgs;
 use super::interrupt::Interrupt;
@@ -117,7 +117,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         Some(path) => resumed(path, args)?,
         None => args.settings.build().map(|(config, preset)| (config, preset.name()))?,
     };
-    let places = Places::of(args)?;
+    let outputs = Outputs::of(args)?;
     if args.surface_points.is_some() && config.parameterization == Parameterization::None {
         return Err(Failure::Usage(
             "--surface-points needs an S, which parameterization=none has not".into(),
@@ -150,13 +150,16 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let doubts: Vec<String> = told.into_iter().chain(doubts(&rest)).collect();
     common.tell(&doubts, &[]);
     warnings.extend(doubts);
-    let kept = without(&clean.given, left_out);
-    let sides = args.sides.of(&cloud, &points, &kept);
+    let kept_points = without(&clean.given, left_out);
+    let sides = args.sides.of(&cloud, &points, &kept_points);
     common.tell(&sides.warnings, &sides.notes);
     warnings.extend(sides.warnings);
     let (notices, rows_left_out) = (cloud.notices.clone(), cloud.left_out);
-    let (carried, left_behind) =
-        if args.carry { Carried::new(cloud, &kept, &places.mesh, common) } else { Default::default() };
+    let (carried, left_behind) = if args.carry {
+        Carried::new(cloud, &kept_points, &outputs.mesh, common)
+    } else {
+        Default::default()
+    };
     warnings.extend(left_behind);
     let offset = Bounds::of(&points)?.offset();
     if offset != [0.0; 3] {
@@ -181,8 +184,9 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     }
     // What cost the time first: whatever fails from here on, the mesh can be made again from the field.
     let mut report = Written::default();
-    let kept = places.kept.as_deref().filter(|path| report.wrote(path, write_field(path, &trained.field)));
-    if let Some(path) = kept {
+    let kept_field =
+        outputs.kept_field.as_deref().filter(|path| report.wrote(path, write_field(path, &trained.field)));
+    if let Some(path) = kept_field {
         interrupt.kept(format!("the field is kept: go on with {}", go_on(path, args)));
     }
     report.failures.extend(std::mem::replace(&mut trained.checkpoint, Ok(())).err());
@@ -192,19 +196,19 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.cloud(), common));
     let mesh_seconds = meshing.elapsed().as_secs_f64();
     let part = part.and_then(|mut part| {
-        let attributes = all(part.support.take(), carried.at(&part.mesh.verts)?);
-        places.mesh.write_mesh(&part.mesh, &attributes).map(|()| part)
+        let attributes = vertex_attributes(part.support.take(), carried.at(&part.mesh.verts)?);
+        outputs.mesh.write_mesh(&part.mesh, &attributes).map(|()| part)
     });
     let part = match part {
         Ok(part) => part,
         Err(failure) => {
             report.failures.push(failure);
-            return Err(report.end(kept.map(|path| go_on(path, args))));
+            return Err(report.end(kept_field.map(|path| go_on(path, args))));
         }
     };
     report.files.push(args.output.clone());
     let topology = part.mesh.topology();
-    if let Some(output) = &places.surface_points {
+    if let Some(output) = &outputs.surface_points {
         report.wrote(output.path(), output.write_cloud(&trained.field.surface_points()));
     }
     if let Some(path) = &args.view.preview {
@@ -212,12 +216,12 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         report.wrote(path, picture.and_then(|picture| write_bytes(path, &picture.to_png())));
     }
     // Last, as the grid of the training may fail to find what that of the mesh has found.
-    if let Some(files) = &places.codes {
+    if let Some(files) = &outputs.codes {
         let none = || Err(Error::new(ErrorKind::Diverged, "the parameterization is not finite"));
         let coded = trained.coded.take().unwrap_or_else(none).map_err(Failure::from);
         report.failures.extend(coded.and_then(|coded| files.write(&coded)).err());
     }
-    if let Some(path) = kept.filter(|_| args.save_field.is_none()) {
+    if let Some(path) = kept_field.filter(|_| args.save_field.is_none()) {
         // It was for the case that the mesh fails.
         let _ = fs::remove_file(path);
         report.files.retain(|file| file != path);
@@ -234,7 +238,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if args.json {
         let json = Object::new()
             .path("input", Some(&args.input))
-            .path("output", Some(places.mesh.path()))
+            .path("output", Some(outputs.mesh.path()))
             .count("points", points.len())
             .count("duplicates", clean.duplicates_merged)
             .count("left_out", rows_left_out)
@@ -265,7 +269,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             .path("surface_points", args.surface_points.as_deref())
             .raw(
                 "codes",
-                places.codes.as_ref().map_or("null".to_string(), |files| {
+                outputs.codes.as_ref().map_or("null".to_string(), |files| {
                     list(files.paths.iter().map(|path| quoted(&path.to_string_lossy())))
                 }),
             )
@@ -291,6 +295,7 @@ fn resumed(path: &Path, args: &ReconstructArgs) -> Result<(Config, &'static str)
     }
     let (config, preset) = args.settings.build()?;
     let mut run = saved.config.clone();
+    // A run may go on with others of these two, see `MAY_CHANGE` in `reconstruct/save/checkpoint.rs`.
     (run.finish, run.min_component) = (config.finish, config.min_component);
     if config.clone().for_points(saved.points) == run {
         return Ok((config, preset.name()));
@@ -325,7 +330,7 @@ struct Written {
 }
 
 impl Written {
-    /// Notes what came of a file; whether it is there.
+    /// Notes whether a file was written, and returns that.
     fn wrote(&mut self, path: &Path, outcome: Result<(), Failure>) -> bool {
         match outcome {
             Ok(()) => self.files.push(path.to_path_buf()),
@@ -334,10 +339,9 @@ impl Written {
         self.files.last().is_some_and(|file| file == path)
     }
 
-    /// Tells of all failures but the last, which is the program's own to say, and of what is there nevertheless.
-    fn end(mut self, advice: Option<String>) -> Failure {
-        let last = self.failures.pop().unwrap_or(Failure::Closed);
-        self.failures.iter().filter_map(Failure::line).for_each(|line| say(&line));
+    /// Prints all failures but the last, which it returns, and what was written nevertheless.
+    fn end(self, advice: Option<String>) -> Failure {
+        let last = say_all_but_last(self.failures).unwrap_or(Failure::Closed);
         if !self.files.is_empty() {
             let names: Vec<String> = self.files.iter().map(|file| file.display().to_string()).collect();
             let advice = advice.map_or(String::new(), |command| format!("; go on with {command}"));
@@ -366,15 +370,15 @@ pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object 
 }
 
 /// Where results go, checked before the work starts.
-struct Places {
+struct Outputs {
     mesh: Output,
     /// Where the field is kept until the mesh is there, or for good.
-    kept: Option<PathBuf>,
+    kept_field: Option<PathBuf>,
     surface_points: Option<Output>,
     codes: Option<CodesFiles>,
 }
 
-impl Places {
+impl Outputs {
     fn of(args: &ReconstructArgs) -> Result<Self, Failure> {
         let codes = args.codes.as_ref().map(|stem| CodesFiles::new(stem, args.ascii));
         if args.codes.as_deref().is_some_and(is_pipe) {
@@ -416,9 +420,9 @@ impl Places {
             || Some(&args.output).filter(|path| is_ordinary(path)).map(|path| behind(path, ".field"));
         let mesh = Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?;
         check_format(&mesh, args.carry, args.trim.support)?;
-        Ok(Places {
+        Ok(Outputs {
             codes,
-            kept: args.save_field.clone().or_else(beside),
+            kept_field: args.save_field.clone().or_else(beside),
             mesh,
             surface_points: match &args.surface_points {
                 Some(path) => Some(Output::new(path, None, args.ascii, &CLOUD_FORMATS)?),

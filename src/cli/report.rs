@@ -6,7 +6,7 @@ use bijective_sdf::geometry::{Topology, shortest, significant};
 use super::failure::Failure;
 use super::json::{Object, list, number};
 
-/// Whether a mesh may be called closed: what every result is held against.
+/// Whether a mesh is closed and oriented, which every result that was not trimmed must be (exit code 4 otherwise).
 pub fn passes_gate(t: &Topology) -> bool {
     t.closed && t.oriented
 }
@@ -181,6 +181,7 @@ pub fn table_json(table: &Table) -> String {
     (0..table.columns().len())
         .fold(Object::new(), |json, c| {
             let of = |name: &str| rows.iter().find(|r| r.0 == name).and_then(|r| r.1[c]);
+            // Both names of one number, as readers of the JSON may look for either.
             let column =
                 [("mean", "mean"), ("median", "median"), ("p5", "5 %"), ("p50", "median"), ("p95", "95 %")]
                     .into_iter()

@@ -32,7 +32,7 @@ pub struct SampleArgs {
     /// Seed of places and noise
     #[arg(long, default_value_t = 0)]
     seed: u64,
-    /// Format of the mesh [default: by extension, else by content]
+    /// Format of the mesh [default: by content, and where that fits several, by extension]
     #[arg(long, value_parser = format_parser())]
     format: Option<Format>,
     /// Format of the cloud [default: by extension; ply for `-`]

@@ -18,7 +18,7 @@ use super::reading::ReadArgs;
 pub struct SdfArgs {
     /// A field that `reconstruct --save-field` wrote, or `-`
     field: PathBuf,
-    /// Points in the coordinates of the reconstructed cloud, or `-`
+    /// Points in the frame and unit of the reconstructed cloud, or `-`
     #[arg(required_unless_present = "grid")]
     points: Option<PathBuf>,
     /// Print the gradient behind each value

@@ -41,8 +41,8 @@ impl Settings {
         Ok((config, preset.unwrap_or(Preset::Default)))
     }
 
-    /// The same for a run that has options already: these, with what is given over them. A preset that is given counts
-    /// as a whole; none is returned if there is none.
+    /// As [`build`](Self::build), but starting from the options of `run`, if there is one, unless a preset is given;
+    /// returns that preset, if any.
     pub fn build_on(&self, run: Option<&Config>) -> Result<(Config, Option<Preset>), Failure> {
         let mut entries = Vec::new();
         let mut preset = self.preset;

@@ -17,7 +17,8 @@ pub struct TrimArgs {
     #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = DEFAULT, value_parser = factor)]
     pub trim: Option<f32>,
     /// Write how far each vertex is from the nearest point, over the spacing of the points there, as the property
-    /// `support` of a ply mesh: what --trim compares with FACTOR
+    /// `support` of a ply mesh: 0 at a point, about 0.7 between evenly spread points, large where no point is near;
+    /// what --trim compares with FACTOR
     #[arg(long)]
     pub support: bool,
 }
@@ -36,7 +37,7 @@ pub struct Part {
     pub mesh: TriangleMesh<[f64; 3]>,
     /// The factor and the share of the area that was removed; none if nothing was asked for.
     pub cut: Option<(f32, f64)>,
-    /// The support of each vertex, if asked for.
+    /// The gap of each vertex, which `--support` writes, if asked for.
     pub support: Option<Vec<f32>>,
 }
 

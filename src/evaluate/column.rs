@@ -56,7 +56,7 @@ pub(super) const CD_SQ_TO_SCAN: Column = column(
 );
 
 /// What [`Table::of_reports`](super::Table::of_reports) shows.
-pub(super) const USUAL: [Column; 11] = [
+pub(super) const USUAL_COLUMNS: [Column; 11] = [
     CD_L1,
     CD_L2,
     NC,
@@ -77,14 +77,14 @@ pub(super) const USUAL: [Column; 11] = [
 ];
 
 /// The rest of what is measured.
-pub(super) const FURTHER: [Column; 16] = [
+pub(super) const FURTHER_COLUMNS: [Column; 16] = [
     NC_NTPS,
     column("precision", "part of the prediction within the threshold", |r| part(r, 1, false)),
     column("recall", "part of the ground truth within the threshold", |r| part(r, 1, true)),
-    column("precision half", "the same within half the threshold", |r| part(r, 0, false)),
-    column("recall half", "the same within half the threshold", |r| part(r, 0, true)),
-    column("precision twice", "the same within twice the threshold", |r| part(r, 2, false)),
-    column("recall twice", "the same within twice the threshold", |r| part(r, 2, true)),
+    column("precision half", "part of the prediction within half the threshold", |r| part(r, 0, false)),
+    column("recall half", "part of the ground truth within half the threshold", |r| part(r, 0, true)),
+    column("precision twice", "part of the prediction within twice the threshold", |r| part(r, 2, false)),
+    column("recall twice", "part of the ground truth within twice the threshold", |r| part(r, 2, true)),
     column("100 CD_L2 surf", "100 CD_L2 from samples to triangles", |r| Some(100.0 * r.surface?.cd_l2())),
     column("NC surf", "NC from samples to triangles", |r| r.surface.as_ref().and_then(Metrics::nc)),
     column("HD surf", "HD from samples to triangles", |r| Some(r.surface?.hd())),

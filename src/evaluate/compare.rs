@@ -35,7 +35,7 @@ pub enum Frame {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Options {
-    /// Samples of each mesh; 100,000 is usual for shapes, 1,000,000 for scenes.
+    /// Samples of each mesh. Default 100,000; 1,000,000 is usual for scenes.
     pub samples: usize,
     /// Samples of the ground truth, if not as many as of the prediction; of a cloud, at most so many points are used.
     pub gt_samples: Option<usize>,
@@ -45,7 +45,7 @@ pub struct Options {
     pub whole_clouds: bool,
     /// Seed of the samples.
     pub seed: u64,
-    /// Threshold of the F-score, in units of `frame`.
+    /// Threshold of the F-score, in units of `frame`. Default 0.01.
     pub tau: f64,
     /// The frame of the numbers.
     pub frame: Frame,
@@ -100,9 +100,9 @@ impl Options {
         self.gt_samples.unwrap_or(self.samples)
     }
 
-    /// The seed of one of three sets of samples: 0 for the ground truth, 1 for the prediction, 2 for the floor. Three
-    /// apart, so that the next seed of a caller does not share a stream with this one.
-    pub(super) fn stream(&self, i: u64) -> u64 {
+    /// The seed of one set of samples: 0 ground truth, 1 prediction, 2 floor or scan. `seed` is multiplied by 3, so
+    /// that neighbouring seeds share none of them.
+    pub(super) fn seed_of(&self, i: u64) -> u64 {
         self.seed.wrapping_mul(3).wrapping_add(i)
     }
 
@@ -176,11 +176,11 @@ pub fn evaluate_with_scan(
     if pred.faces.is_empty() {
         return Err(Error::new(ErrorKind::NoSurface, "the prediction has no face"));
     }
-    let (in_gt, in_pred) = (within("unusable ground truth"), within("unusable prediction"));
+    let (in_gt, in_pred) = (naming("unusable ground truth"), naming("unusable prediction"));
 
     let frame = frame_of(gt, options.frame).map_err(&in_gt)?;
     // The scan has the seed of the floor, with which it is never compared.
-    let seed = |i: u64| options.stream(i);
+    let seed = |i: u64| options.seed_of(i);
     let gt_count = options.of_gt();
     let scan_count = options.scan_samples.unwrap_or(options.samples);
 
@@ -195,7 +195,7 @@ pub fn evaluate_with_scan(
                     Side::of_cloud(points, normals, &frame, options.most(scan_count), seed(2))
                 }
             }
-            .map_err(within("unusable scan"))?;
+            .map_err(naming("unusable scan"))?;
             Some(compare_samples(pred_side.samples(), side.samples(), options.tau))
         }
     };
@@ -236,8 +236,8 @@ pub fn evaluate_with_scan(
     })
 }
 
-/// Says which of the inputs an error is about.
-pub(super) fn within(what: &'static str) -> impl Fn(Error) -> Error {
+/// Wraps an error so that it says which input it is about, such as `unusable scan`.
+pub(super) fn naming(what: &'static str) -> impl Fn(Error) -> Error {
     move |e: Error| Error::new(e.kind(), what).caused_by(e)
 }
 

@@ -1,13 +1,13 @@
 //! From a ground truth and points to how near to it they are, and how well they cover it.
 
-use super::compare::{GroundTruth, Options, Side, frame_of, moved, within};
+use super::compare::{GroundTruth, Options, Side, frame_of, moved, naming};
 use crate::error::Error;
 use crate::geometry::{PointTree, distinct_places};
 
 /// Points that are equal when rounded to multiples of this, in the frame of the comparison, are one place.
 const PLACE: f64 = 1e-4;
 /// Keeps the seeds of the samples apart from small numbers. A cloud is often drawn from its truth with a small seed, by
-/// the same generator, and its points would be among the samples.
+/// the same generator, and its points would be among the samples. The bytes are the ASCII of "points".
 const OWN_SEEDS: u64 = 0x706f_696e_7473_0000;
 
 /// How points lie to a ground truth; the result of [`evaluate_points`]. Distances in units of the frame.
@@ -50,8 +50,8 @@ pub fn evaluate_points(
     options: &Options,
 ) -> Result<Vec<PointsReport>, Error> {
     options.check()?;
-    let seed = |i: u64| options.stream(i) ^ OWN_SEEDS;
-    let in_gt = within("unusable ground truth");
+    let seed = |i: u64| options.seed_of(i) ^ OWN_SEEDS;
+    let in_gt = naming("unusable ground truth");
     let frame = frame_of(gt, options.frame).map_err(&in_gt)?;
     let mesh = match gt {
         GroundTruth::Mesh(mesh) => Some(moved(mesh, &frame)),
@@ -73,7 +73,7 @@ pub fn evaluate_points(
     };
     let of = |points: &&[[f32; 3]]| {
         // All of them, however many.
-        let set = Side::of_cloud(points, None, &frame, usize::MAX, 0).map_err(within("unusable points"))?;
+        let set = Side::of_cloud(points, None, &frame, usize::MAX, 0).map_err(naming("unusable points"))?;
         let tree = PointTree::new(&set.points);
         let floor = match &mesh {
             Some(mesh) if options.floor => {

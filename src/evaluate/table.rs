@@ -1,6 +1,6 @@
 //! Tables over many shapes, with a summary.
 
-use super::column::{Column, FURTHER, USUAL};
+use super::column::{Column, FURTHER_COLUMNS, USUAL_COLUMNS};
 use super::compare::Report;
 use super::text_table::{Cell, TextTable};
 
@@ -21,13 +21,13 @@ impl Table {
     /// and twice the threshold, `10 acc`, `10 comp`, and for comparison the sampling floor of `10 CD_L1` and the
     /// floorless `10 CD_L1` to the true triangles. `None` is a shape that failed: its row has no values.
     pub fn of_reports<'a>(reports: impl IntoIterator<Item = (&'a str, Option<&'a Report>)>) -> Self {
-        Self::of_columns(&USUAL, reports)
+        Self::of_columns(&USUAL_COLUMNS, reports)
     }
 
     /// Everything that was measured: the usual columns, the other normal consistency, precision and recall at the three
     /// thresholds, the rest of what was measured to triangles and to and from a scan, and the columns of the protocols.
     pub fn of_everything<'a>(reports: impl IntoIterator<Item = (&'a str, Option<&'a Report>)>) -> Self {
-        Self::of_columns(&[USUAL.as_slice(), &FURTHER].concat(), reports)
+        Self::of_columns(&[USUAL_COLUMNS.as_slice(), &FURTHER_COLUMNS].concat(), reports)
     }
 
     /// The given columns, such as those of [`Protocol::columns`](super::Protocol::columns).

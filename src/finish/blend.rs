@@ -9,14 +9,14 @@
 use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::dist_sq;
 use crate::geometry::{KdTree, spacing};
-use crate::start::LeastBending;
+use crate::start::{LeastBending, Ramp};
 use rayon::prelude::*;
 
 /// Distances to the nearest point, in spacings, between which the plate's weight falls to 0.
-const NEAR: (f32, f32) = (0.7, 1.2);
+const NEAR: Ramp = Ramp { from: 0.7, to: 1.2 };
 /// Differences between plate and field, in spacings, between which the plate's weight falls to 0: where they are two
 /// surfaces and not two measurements of one, the field rules.
-const AGREE: (f32, f32) = (0.15, 0.35);
+const AGREE: Ramp = Ramp { from: 0.15, to: 0.35 };
 /// The error of the field (standard deviation, in spacings) that the plate's is weighed against.
 const FIELD_ERROR: f32 = 0.025;
 /// The least slope that a value is divided by to estimate a distance.
@@ -87,7 +87,7 @@ impl PlateBlend {
             if plate.is_nan() {
                 continue;
             }
-            let weight = weight * falling((plate - values[i]).abs() / spacing, AGREE);
+            let weight = weight * AGREE.falling((plate - values[i]).abs() / spacing);
             values[i] += weight * (plate - values[i]);
         }
     }
@@ -107,7 +107,7 @@ impl PlateBlend {
         let (spacing, doubt) = (spacing / sum, doubt / sum);
         let trust = FIELD_ERROR * FIELD_ERROR / (FIELD_ERROR * FIELD_ERROR + doubt);
         let nearest = near.iter().map(|&i| distance(i)).fold(f32::INFINITY, f32::min);
-        LocalTrust { spacing, weight: trust * falling(nearest / spacing, NEAR) }
+        LocalTrust { spacing, weight: trust * NEAR.falling(nearest / spacing) }
     }
 }
 
@@ -115,12 +115,6 @@ impl PlateBlend {
 struct LocalTrust {
     spacing: f32,
     weight: f32,
-}
-
-/// 1 up to the first of two numbers, 0 from the second on, smooth between them.
-fn falling(x: f32, (from, to): (f32, f32)) -> f32 {
-    let t = ((x - from) / (to - from)).clamp(0.0, 1.0);
-    1.0 - t * t * (3.0 - 2.0 * t)
 }
 
 #[cfg(test)]

@@ -20,10 +20,11 @@ const MAX_COORDINATE: f32 = 1e6;
 
 /// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
 ///
-/// It depends on the points and on the field's values and gradients there, so it is made anew from them, not saved.
+/// It depends on the points and on the field's values and gradients there, so only the points are saved; the
+/// corrections are computed again from them and the field.
 #[derive(Clone, Debug)]
 pub struct Finish {
-    /// The points, n x 3: all that is saved of the corrections.
+    /// The points, n x 3, which are saved.
     #[cfg(feature = "checkpoint")]
     points: Vec<[f32; 3]>,
     residual: Residual,

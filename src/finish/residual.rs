@@ -21,9 +21,9 @@ const NUGGET: f64 = 0.05;
 const MAX_RESIDUAL: f64 = 0.5;
 /// The most points for which the full system is solved and summed; beyond, only pairs within the reach are used.
 const MAX_WHOLE_POINTS: usize = 2048;
-/// The most rounds of conjugate gradients, and the length of the remainder over the length of the values at which they
-/// end.
+/// The most rounds of conjugate gradients.
 const MAX_ROUNDS: usize = 200;
+/// They end when the norm of the remainder is this share of that of the values.
 const REMAINDER: f64 = 1e-5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 512;
@@ -56,8 +56,10 @@ impl Residual {
         let kept: Vec<usize> =
             (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= MAX_RESIDUAL * unit).collect();
         let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);
-        let undetermined =
-            || Error::new(ErrorKind::Data, "the points are not apart, or the field is far from all");
+        let undetermined = || {
+            let text = "all points lie in one place, or the field is off by more than half a spacing at each of them";
+            Error::new(ErrorKind::Data, text)
+        };
         if !reach.is_finite() || kept.is_empty() {
             return Err(undetermined());
         }

@@ -75,7 +75,7 @@ impl Bounds {
 /// than 3e-7 of the longest side.
 const MAX_SIDES_AWAY: f64 = 4.0;
 
-/// Places that [`Normalizer::place`] rounds to, for a side that is a power of two.
+/// [`Normalizer::place`] rounds to the longest side, or the next power of two above it, divided by this.
 const PLACES: f64 = (1u64 << 30) as f64;
 
 /// The map from the input's frame to the working frame and back.

@@ -16,7 +16,7 @@ const MIN_EXTENT_RATIO: f64 = 1e-6;
 pub struct CleanCloud {
     /// The distinct points, n x 3, in their first order of appearance, exactly as given.
     pub points: Vec<[f64; 3]>,
-    /// Which of the points given each of them is, n, ascending.
+    /// The index of each of `points` in the cloud that was given, n, ascending.
     pub given: Vec<u32>,
     /// How many points were left out because an earlier one lies at the same place.
     pub duplicates_merged: usize,

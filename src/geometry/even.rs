@@ -1,8 +1,8 @@
-//! A cloud of lines made even: scanners that spin or sweep give points that lie far closer along their lines than the
-//! lines lie to each other.
+//! Clouds of scan lines made even: points of scanners that spin or sweep lie far closer along their lines than the
+//! lines lie to each other; they are replaced by means over cells about as large as the lines are apart.
 //!
 //! Between such lines a surface through all points has nothing to hold on to but the noise along them: it tears and
-//! turns over. Means over cells about as large as the lines are apart determine it.
+//! turns over. The means determine it.
 
 use super::KdTree;
 use super::vec3::distance;
@@ -20,9 +20,10 @@ const LINED: f64 = 2.0;
 const MAX_LINED: f64 = 16.0;
 /// The share of points on such lines from which on a cloud is one of lines. On a thin leg points lie on a line, too.
 const SHARE: f64 = 0.3;
-/// The side of the cells that means are taken over, in sides of those that are filled.
+/// Means are taken over cells of this many times the side at which the cells around a point are filled.
 const MERGED: f64 = 0.8;
-/// Cells along the longest side of the cloud at most, so that their numbers fit 20 bits.
+/// Cells of the smallest size from the origin to the farthest point at most, so that cell numbers, moved to be
+/// positive, fit 21 bits.
 const MAX_CELLS: f64 = (1 << 19) as f64;
 
 /// A cloud of lines made even.
@@ -95,7 +96,7 @@ pub(crate) fn surface_spacing(points: &[[f32; 3]]) -> Vec<f64> {
     spacing
 }
 
-/// [`filled_cells`] of a cloud of lines; `None` for another.
+/// The steps (see [`side`]) of [`filled_cells`] of a cloud of lines; `None` for another.
 fn lined_cells(points: &[[f32; 3]], spacing: &[f64]) -> Option<Vec<Option<i32>>> {
     let filled = filled_cells(points, spacing);
     let lined =
@@ -115,7 +116,7 @@ pub(crate) fn disc_spacing(points: &[[f32; 3]]) -> Vec<f64> {
     points.iter().zip(near.chunks_exact(k + 1)).map(one).collect()
 }
 
-/// The side of cells after so many steps, each the square root of two: 1 after none.
+/// The side of cells of a step, 2^(step / 2), in the unit of the points.
 fn side(step: i32) -> f64 {
     (0.5 * f64::from(step)).exp2()
 }
@@ -129,8 +130,8 @@ fn key(cell: [i64; 3]) -> u64 {
     cell.into_iter().fold(0, |key, x| key << 21 | (x + (1 << 20)) as u64)
 }
 
-/// For each point the step of the smallest cells that it and the points around it fill as a surface does; none where
-/// that takes cells of more than 16 times the spacing.
+/// For each point the step (see [`side`]) of the smallest cells that it and the points around it fill as a surface
+/// does; none where that takes cells of more than 16 times the spacing.
 fn filled_cells(points: &[[f32; 3]], spacing: &[f64]) -> Vec<Option<i32>> {
     let step_of = |length: f64| (2.0 * length.log2()).floor() as i32;
     let extent = points.iter().flatten().fold(0.0f64, |m, x| m.max(f64::from(x.abs())));

@@ -5,8 +5,8 @@ use std::collections::BTreeMap;
 /// The indices, in ascending order, of one point in each cube of side `side` that has any: the one nearest to the
 /// cube's centre, of equals the first. Cubes are aligned to the origin.
 ///
-/// Clouds of moving scanners are thousands of times denser nearby than far away; what is chosen from the rest at random
-/// is then almost all from nearby.
+/// Without it a random choice from the cloud of a moving scanner would be almost all from nearby, where points are
+/// thousands of times denser than far away.
 ///
 /// # Panics
 /// If `side` is not positive and finite.

@@ -9,13 +9,13 @@ use rayon::prelude::*;
 const AVERAGED: usize = 8;
 /// The share of the points that have a spacing of their own. What is 1.5 times sparser than all of these is a scatter
 /// and no surface.
-const USUAL: f64 = 0.9;
+const DENSER_SHARE: f64 = 0.9;
 /// The spacing at a point is at most this many times the largest of the usual ones.
 const MAX_EXCESS: f64 = 1.5;
 /// Places that one thread works on at a time.
 const CHUNK: usize = 256;
 
-/// How well points speak for m places.
+/// How well points speak for m places: the larger the gap, the less.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Support {
     /// The distance from each place to the nearest point, over the spacing there (m): 0 at a point, without unit.
@@ -25,7 +25,7 @@ pub struct Support {
     pub spacing: Vec<f32>,
 }
 
-/// How well `points` (n x 3) speak for each of `places` (m x 3, in the same frame), of 32 or 64 bits each.
+/// The gap and the spacing of `points` (n x 3) at each of `places` (m x 3, in the same frame), of 32 or 64 bits each.
 ///
 /// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a
 /// disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). Where
@@ -89,7 +89,7 @@ fn spacings(points: &[[f32; 3]]) -> Vec<f64> {
 fn capped(mut spacing: Vec<f64>) -> Vec<f64> {
     let mut sorted = spacing.clone();
     sorted.sort_unstable_by(f64::total_cmp);
-    let most = MAX_EXCESS * sorted[(USUAL * (sorted.len() - 1) as f64).ceil() as usize];
+    let most = MAX_EXCESS * sorted[(DENSER_SHARE * (sorted.len() - 1) as f64).ceil() as usize];
     spacing.iter_mut().for_each(|s| *s = s.min(most));
     spacing
 }

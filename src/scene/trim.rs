@@ -44,13 +44,15 @@ pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &Support, factor: f32)
     let mut squares = vertex_areas(mesh);
     squares.iter_mut().zip(spacing).for_each(|(area, &s)| *area /= f64::from(s) * f64::from(s));
     let mut kept: Vec<bool> = gap.iter().map(|&g| g <= factor).collect();
-    // Holes first: what they join is no scrap.
+    // Small holes are closed first: a piece may be large enough to stay once a hole in it is closed.
     for (side, limit) in [(false, MIN_HOLE), (true, MIN_PIECE)] {
         let parts = parts_of(mesh, &kept);
         let mut size = vec![0.0; v];
         parts.iter().zip(&squares).for_each(|(&part, area)| size[part as usize] += area);
         for (kept, part) in kept.iter_mut().zip(parts) {
-            *kept ^= *kept == side && size[part as usize] < limit;
+            if *kept == side && size[part as usize] < limit {
+                *kept = !side;
+            }
         }
     }
     cut(mesh, gap, factor, &kept)
@@ -86,7 +88,7 @@ fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bo
     let mut between = |v: u32, w: u32, out: &mut TriangleMesh<P>| {
         *crossings.entry([v, w]).or_insert_with(|| {
             let (i, j) = (v as usize, w as usize);
-            let t = crossing(gap[i], gap[j], factor);
+            let t = cut_share(gap[i], gap[j], factor);
             let (p, q) = (mesh.verts[i].wide(), mesh.verts[j].wide());
             out.verts.push(P::of_wide(std::array::from_fn(|k| p[k] + f64::from(t) * (q[k] - p[k]))));
             values.push(gap[i] + t * (gap[j] - gap[i]));
@@ -126,7 +128,7 @@ fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bo
 ///
 /// Not the crossing of the grid's edges (`geometry::grid`): that one takes for granted that the ends differ in sign,
 /// and would put such a point at one of them.
-fn crossing(kept: f32, dropped: f32, factor: f32) -> f32 {
+fn cut_share(kept: f32, dropped: f32, factor: f32) -> f32 {
     let t = (factor - kept) / (dropped - kept);
     if (0.0..=1.0).contains(&t) { t.clamp(CUT_MARGIN, 1.0 - CUT_MARGIN) } else { 0.5 }
 }

@@ -1,6 +1,6 @@
 //! Candidates for the first shape: closed surfaces found among the points, and which of them fits the points best.
 
-use super::{GaussField, LeastBending, USUAL_AREA, resolution_for_area};
+use super::{GaussField, LeastBending, Ramp, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::dot;
 use crate::geometry::{
@@ -9,16 +9,18 @@ use crate::geometry::{
 };
 use rayon::prelude::*;
 
-/// Cubes along each side of the grid that the Gauss formula's surface is taken from, for up to so many points.
-const GAUSS_RESOLUTION: (usize, usize) = (48, 1024);
-/// The same for larger clouds: sheets that are thin against the cubes come out in shreds (`benches/accuracy.md`,
+/// Cubes along each side of the grid that the Gauss formula's surface is taken from, for clouds of few points.
+const GAUSS_RESOLUTION: usize = 48;
+/// The most points that are few.
+const FEW_POINTS: usize = 1024;
+/// The same cubes for larger clouds: sheets that are thin against the cubes come out in shreds (`benches/accuracy.md`,
 /// constants).
 const GAUSS_FINE_RESOLUTION: usize = 96;
 /// Points for which these grids, and that of one thin plate, are fine enough on a surface of usual area: they lie 2.4
 /// of the 64 cubes apart.
 const POINTS_SERVED: f64 = 1200.0;
-/// Cubes along each side of the lattice that a surface is searched from: what is smaller than these cubes and near no
-/// point is not wanted.
+/// Cubes along each side of the lattice on which the search for a surface starts. Parts of the surface that are smaller
+/// than such a cube and near no point may be missed, and are not wanted.
 const COARSE: usize = 16;
 /// Samples of a surface that say how far it is from the points.
 const MISFIT_SAMPLES: usize = 4096;
@@ -64,8 +66,7 @@ pub fn gauss_shape(
         let options = NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
         Ok(extract(&grid, &mut |x| Ok(gauss.value(x)), &options)?.keep_large(MIN_PART))
     };
-    let (coarse, few) = GAUSS_RESOLUTION;
-    let usual = if points.len() <= few { coarse } else { GAUSS_FINE_RESOLUTION };
+    let usual = if points.len() <= FEW_POINTS { GAUSS_RESOLUTION } else { GAUSS_FINE_RESOLUTION };
     let found = surface(usual);
     let area = match &found {
         Ok(mesh) => mesh.topology().area,
@@ -156,11 +157,11 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
     Ok(MISFIT_OF_POINTS * to_surface + to_points)
 }
 
-/// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the Gauss formula.
-const TRUST: (f32, f32) = (0.7, 1.2);
+/// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the rough surface.
+const TRUST: Ramp = Ramp { from: 0.7, to: 1.2 };
 /// The same for clouds of many points, where the plate is nearer to the truth beyond the rims of open surfaces, too.
 /// Between the few points of thin sheets it is not (`benches/accuracy.md`).
-const TRUST_OF_MANY: (f32, f32) = (1.5, 2.5);
+const TRUST_OF_MANY: Ramp = Ramp { from: 1.5, to: 2.5 };
 /// Points from which on a cloud has many.
 const MANY_POINTS: usize = 4096;
 /// Cubes along each side of the grid that the surface of one thin plate is taken from, if the rough one is not small:
@@ -207,7 +208,7 @@ pub fn plate_shapes(
     let plates = LeastBending::fit_each(points, &guesses)?;
     let spacing = spacing(points);
     let many = points.len() >= MANY_POINTS;
-    let (from, to) = if many { TRUST_OF_MANY } else { TRUST };
+    let trust = if many { TRUST_OF_MANY } else { TRUST };
     let cells_between = if many { CELLS_BETWEEN_MANY } else { CELLS_BETWEEN };
     let surface = |(plate, tree, rough): (&LeastBending, &TriangleBvh, &TriangleMesh)| {
         let mut eval = |x: &[[f32; 3]]| {
@@ -215,8 +216,7 @@ pub fn plate_shapes(
             let mut values = plate.value(x, &nearest);
             values.par_iter_mut().enumerate().for_each(|(i, value)| {
                 let far = dist_sq[i].sqrt() / spacing[nearest[i] as usize] as f32;
-                let share = ((far - from) / (to - from)).clamp(0.0, 1.0);
-                let share = share * share * (3.0 - 2.0 * share);
+                let share = trust.rising(far);
                 if value.is_nan() {
                     *value = tree.signed_distance(x[i]).0;
                 } else if share > 0.0 {
@@ -375,7 +375,7 @@ mod tests {
                 if d.sqrt() < 0.4 * spacing && v[2] > 0.15 {
                     near += 1;
                     assert!((radius - 0.45).abs() < 0.01, "{v:?}");
-                } else if d.sqrt() > TRUST.1 * spacing {
+                } else if d.sqrt() > TRUST.to * spacing {
                     far += 1;
                     assert!(tree.nearest(*v).dist_sq.sqrt() < 0.01, "{v:?}");
                 }

@@ -25,8 +25,9 @@ pub const DENOISED_POINTS: RangeInclusive<usize> = 50..=MAX_CENTRES;
 /// Smoothing parameters tried, from one that follows the points to one that leaves detail out; on top of the 1e-6 that
 /// every thin plate has, so that points close together leave it solvable.
 const SMOOTHINGS: [f64; 7] = [1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
-/// Which of them give the normals that all are compared with at first, tried in turn until noise is found. Normals that
-/// follow the points closely foresee their noise, those of too smooth a surface know nothing of thin parts.
+/// Which of them (1e-3, 1e-4, 1e-5) give the normals that all are compared with at first, tried in turn until noise is
+/// found. Normals from a plate that follows noisy points already hold the noise, so that it seems well predicted;
+/// normals from one that is too smooth are wrong on thin parts. Hence from smooth to close.
 const REFERENCES: [usize; 3] = [6, 4, 2];
 /// Standard errors by which the best smoothing must predict better than none. Not a level of significance, as the best
 /// of several is taken; how often exact clouds pass it is in `benches/method.md`.
@@ -57,8 +58,8 @@ pub struct Denoised {
 /// compared by the mean logarithm of the points' predictive densities (leave-one-out cross-validation of a Gaussian
 /// process: Rasmussen and Williams 2006, "Gaussian Processes for Machine Learning", section 5.4.2), with the amplitude
 /// that makes the points most probable. These are densities of the place where the surface crosses the normal, to first
-/// order the density of f there times |grad f| as predicted, not densities of f: the plate through noisy points is in
-/// folds, f is flat between them, and a small f no short distance.
+/// order the density of f there times |grad f| as predicted, not densities of f: the plate through noisy points has
+/// folds between which f is flat, so a small |f| does not mean a short distance.
 ///
 /// If the best mean is above that without smoothing by three standard errors of the difference, the least smooth plate
 /// whose mean is within one standard error of the best is chosen, provided that the noise it stands for is at least

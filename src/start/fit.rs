@@ -18,12 +18,14 @@ const BATCH: usize = 2048;
 const SPREADS: [f32; 2] = [0.015, 0.08];
 /// What they are multiplied by for the smallest surfaces.
 const MIN_SPREAD: f64 = 0.25;
+/// Half the side of the cube that points anywhere are drawn from (working frame; the cloud reaches to 0.5).
+const BOX: f32 = 0.6;
 /// Weight of |grad g - n|^2 beside |g - d|.
 const NORMAL_WEIGHT: f32 = 0.01;
 
 /// The regression of a field to the signed distance of a closed mesh, step by step.
 ///
-/// 20,480 points are drawn near the mesh, nearer to one of small area, and in the box around it; a step takes the next
+/// 20,480 points are drawn near the mesh, nearer to one of small area, and in the cube around it; a step takes the next
 /// 2,048 of them, round and round. A point's distance is computed when a step first asks for it. Nothing else changes
 /// from step to step, so the same mesh and seed give the same steps again.
 #[derive(Clone, Debug)]
@@ -54,7 +56,8 @@ impl ShapeFit {
     /// The regression to the closed `mesh` (working frame), whose triangles face outward.
     ///
     /// Of the points two fifths are displaced from the mesh by a standard deviation of 0.015, two fifths by 0.08, times
-    /// sqrt(area / 2.2) if its area is below 2.2, but a quarter at least; a fifth is anywhere.
+    /// sqrt(area / 2.2) if its area is below 2.2, but a quarter at least; a fifth is drawn from the cube from -0.6 to
+    /// 0.6.
     ///
     /// # Errors
     /// As [`sample_surface`] and [`TriangleBvh::new`] for an empty mesh.
@@ -69,7 +72,7 @@ impl ShapeFit {
             let spread = scale * SPREADS[i % 2];
             std::array::from_fn(|d| {
                 if i % 5 == 4 {
-                    rng.random_range(-0.6..0.6)
+                    rng.random_range(-BOX..BOX)
                 } else {
                     let z: f32 = StandardNormal.sample(&mut rng);
                     p[d] + spread * z

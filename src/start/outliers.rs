@@ -3,22 +3,33 @@
 use crate::geometry::{KdTree, Normalizer, Position};
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
-/// Neighbours that a point's reach is the mean distance to.
+/// A point's *reach* is the mean distance to so many of its nearest points.
 const REACHED: usize = 4;
 /// Neighbours that tell what reach is usual around a point, and in which plane they lie.
 const AROUND: usize = 8;
-/// Of their reaches, ascending, the one that counts: a low one, as strays may be each other's neighbours.
-const USUAL: usize = 2;
-/// How much farther than usual a stray reaches, in the cloud and around it, and how far it lies off the plane of its
-/// neighbours, in units of the usual reach. The ends of thin parts reach as far, but along them.
-const STRAY: (f64, f64) = (2.6, 2.5);
-/// The same where strays are looked for with less care for the surface.
-const LIKELY: (f64, f64) = (2.0, 2.0);
-/// A point that reaches so much farther than is usual in the cloud is out of the ordinary, and up to so many of them
-/// among the nearest points of another say nothing about the plane of these, for which there are some more. Where there
-/// are more of them, they are a thin part.
-const ODD: (f64, usize) = (2.0, 2);
-/// Neighbours that planes are looked for among.
+/// Which of the sorted reaches of the neighbours counts as usual around a point (0 is the least): a low one, as some of
+/// the neighbours may be strays themselves.
+const USUAL_RANK: usize = 2;
+
+/// From where on a point is a stray. Both must hold: the ends of thin parts reach as far, but along them.
+#[derive(Clone, Copy, Debug)]
+struct Limits {
+    /// Its reach over the usual one, in the cloud and around it.
+    farther: f64,
+    /// Its distance from the plane of its neighbours, over the usual reach.
+    off_plane: f64,
+}
+
+/// For [`Suspicion::Low`].
+const STRAY: Limits = Limits { farther: 2.6, off_plane: 2.5 };
+/// For [`Suspicion::High`], with less care for the surface.
+const LIKELY: Limits = Limits { farther: 2.0, off_plane: 2.0 };
+/// A point is *odd* if its reach is at least this many times the median.
+const ODD_FACTOR: f64 = 2.0;
+/// Up to so many odd points among the nearest of another may be strays and are left out of the plane; if there are
+/// more, they are a sparse part of the surface and stay in.
+const MAX_ODD: usize = 2;
+/// Nearest points among which those of the plane are chosen: [`AROUND`], and some more in place of odd ones.
 const PLANE_NEIGHBOURS: usize = 12;
 /// A point that reaches so much farther than usual is a stray wherever it lies.
 const MIN_LOST_FACTOR: f64 = 10.0;
@@ -36,7 +47,7 @@ pub enum Suspicion {
     /// Only where hardly a point of a surface would be.
     #[default]
     Low,
-    /// Also where now and then an end of a thin part, or a point in a thin part of the sampling, is one.
+    /// Also where now and then an end of a thin part, or a point in a sparse part of the surface, is one.
     High,
 }
 
@@ -98,25 +109,25 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
     if median <= 0.0 {
         return none();
     }
-    let (far, off) = match suspicion {
+    let limits = match suspicion {
         Suspicion::Low => STRAY,
         Suspicion::High => LIKELY,
     };
     let is_stray = |i: usize| {
-        if reach[i] < far * median {
+        if reach[i] < limits.farther * median {
             return false;
         }
         let mut around: Vec<f64> = others(i).map(|&j| reach[j as usize]).collect();
         around.sort_by(f64::total_cmp);
-        let usual = around[USUAL].max(median);
+        let usual = around[USUAL_RANK].max(median);
         let farther = reach[i] / usual;
-        if farther >= MIN_LOST_FACTOR || farther < far {
+        if farther >= MIN_LOST_FACTOR || farther < limits.farther {
             return farther >= MIN_LOST_FACTOR;
         }
-        let odd = |j: u32| reach[j as usize] >= ODD.0 * median;
-        let few = (1..=ODD.1).contains(&others(i).filter(|&&j| odd(j)).count());
+        let odd = |j: u32| reach[j as usize] >= ODD_FACTOR * median;
+        let few = (1..=MAX_ODD).contains(&others(i).filter(|&&j| odd(j)).count());
         let plane = all(i).filter(|&&j| !(few && odd(j))).take(AROUND);
-        off_plane(at(i), plane.map(|&j| at(j as usize))) >= off * usual
+        off_plane(at(i), plane.map(|&j| at(j as usize))) >= limits.off_plane * usual
     };
     (0..unit.len()).map(is_stray).collect()
 }

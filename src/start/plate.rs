@@ -19,7 +19,7 @@ pub(crate) const MAX_CENTRES: usize = 500;
 /// Added to the cubes of distances on the diagonal, so that points very close together leave the system solvable; the
 /// points may be missed a little for it (1e-5 of the longest side where 300 points are spread evenly).
 const SLACK: f64 = 1e-6;
-/// Multiples of the planes' products that make the system positive definite, tried in turn.
+/// Factors for P P^T, which is added to K to make it positive definite (see [`System::new`]); tried in turn.
 const LIFTS: [f64; 4] = [1e1, 1e2, 1e3, 1e4];
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
@@ -171,7 +171,7 @@ impl System {
         &self.energy
     }
 
-    /// Unit gradients (n x 3) of least bending near the given directions.
+    /// Unit gradients (3 n) of least bending near the given directions (3 n).
     pub fn least_bending(&self, mut near: Vec<f64>) -> Vec<f64> {
         let n = near.len() / 3;
         let form = self.energy.view((n, n), (3 * n, 3 * n));
@@ -179,7 +179,7 @@ impl System {
         unit(&near).0
     }
 
-    /// The function of these gradients (n x 3) at the points.
+    /// The function of these gradients (3 n) at the points.
     pub fn interpolant(&self, points: &[[f64; 3]], gradients: &[f64]) -> ThinPlate {
         let n = points.len();
         let data = DVector::from_fn(4 * n, |i, _| if i < n { 0.0 } else { gradients[i - n] });
@@ -203,7 +203,7 @@ pub(crate) fn directions(normals: &[[f32; 3]]) -> Vec<f64> {
     normals.iter().flat_map(direction).collect()
 }
 
-/// Directions and lengths of n x 3 vectors.
+/// Directions (3 n) and lengths (n) of vectors (3 n).
 fn unit(u: &[f64]) -> (Vec<f64>, Vec<f64>) {
     let mut directions = u.to_vec();
     let lengths = directions
@@ -219,7 +219,7 @@ fn unit(u: &[f64]) -> (Vec<f64>, Vec<f64>) {
     (directions, lengths)
 }
 
-/// The bending energy of the directions of u (n x 3), and its gradient at u.
+/// The bending energy of the directions of u (3 n), and its gradient at u.
 fn bending(form: &DMatrixView<'_, f64>, u: &[f64], gradient: &mut [f64]) -> f64 {
     let (directions, lengths) = unit(u);
     let directions = DVector::from_vec(directions);

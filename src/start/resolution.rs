@@ -1,6 +1,7 @@
 //! How fine a grid the surface of a shape needs.
 
-/// The area of a usual shape, in the working frame: that of a sphere is 3.1, of a cow 1.9, of a man 0.6.
+/// The area of a usual shape, in squares of the longest side of its box (working frame): a sphere has 3.1, a cow 1.9, a
+/// man 0.6.
 pub const USUAL_AREA: f64 = 2.2;
 
 /// The least that a resolution is multiplied by.

@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 
 /// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
-/// Neighbours that the usual distance of neighbours is the mean of.
+/// The usual distance of neighbours is the median, over the points, of the mean distance to so many nearest points.
 const REACHED: usize = 4;
 
 /// What points are beside a sampling of one surface; see [`Sampling::of`].
@@ -35,22 +35,31 @@ pub struct Uneven {
     pub anisotropy: [f64; 3],
 }
 
-/// Neighbours that a neighbourhood is measured by: near ones for curves, more for volumes.
-const SHAPED: [usize; 2] = [6, 12];
-/// The median second extent of neighbourhoods along curves, of the first, at most: near ones, and all.
-const MAX_CURVE_EXTENTS: [f64; 2] = [0.2, 0.4];
-/// The median third extent of neighbourhoods in a volume, of the first, at least. Thin parts of shapes have up to 0.46.
+/// Neighbours that make a small neighbourhood, which curves are told by.
+const FEW_SHAPED: usize = 6;
+/// Neighbours that make a large neighbourhood, which curves and volumes are told by.
+const MORE_SHAPED: usize = 12;
+/// On curves the median ratio of the second to the first extent of small neighbourhoods is below this.
+const MAX_FEW_CURVE_EXTENT: f64 = 0.2;
+/// The same of large ones, as curves bend.
+const MAX_MORE_CURVE_EXTENT: f64 = 0.4;
+/// In a volume the median ratio of the third to the first extent of large neighbourhoods is above this. Thin parts of
+/// shapes have up to 0.46.
 const MIN_VOLUME_EXTENT: f64 = 0.5;
 /// The fewest points of which curves and volumes are told from surfaces; fewer look like any of them.
 const MIN_POINTS_OF_A_KIND: usize = 100;
-/// Usual distances of neighbours that separate parts, and the share of the points that makes a part.
-const PARTS: (f64, f64) = (6.0, 0.05);
+/// Parts lie apart by more than this many times the usual distance of neighbours.
+const APART: f64 = 6.0;
+/// The least share of the points that makes a part.
+const MIN_PART_SHARE: f64 = 0.05;
 
-/// The gap between slices, of the spacing on them, above which they are too far apart.
+/// Slices or lines farther apart than this many times the distance between neighbours on them are uneven. Also the
+/// factor (lines) or divisor (slices) that is proposed for their axis then, whatever the measured ratio.
 const UNEVEN: f64 = 5.0;
-/// The median cosine between an axis and the ways to near neighbours: at most for slices across it, at least for lines
-/// along it.
-const AXIS: [f64; 2] = [0.15, 0.95];
+/// Points lie in slices across an axis if the median cosine between it and the ways to near neighbours is below this.
+const MAX_ACROSS: f64 = 0.15;
+/// Points lie on lines along an axis if that cosine is above this.
+const MIN_ALONG: f64 = 0.95;
 
 impl Sampling {
     /// Looks at the neighbourhoods of points (n x 3, distinct, any frame); nothing can be told of fewer than 20.
@@ -61,7 +70,7 @@ impl Sampling {
             return Sampling::default();
         }
         let unit = frame.forward(points);
-        let k = (SHAPED[1] + 1).min(n);
+        let k = (MORE_SHAPED + 1).min(n);
         let tree = KdTree::new(&unit);
         let near = tree.k_nearest(&unit, k);
         let at = |&i: &u32| Vector3::from(unit[i as usize].map(f64::from));
@@ -75,7 +84,7 @@ impl Sampling {
         let share = |extents: &[[f64; 3]], axis: usize| {
             median(extents.iter().map(|e| e[axis] / e[0].max(f64::MIN_POSITIVE)).collect())
         };
-        let (few, more) = (extents(SHAPED[0]), extents(SHAPED[1]));
+        let (few, more) = (extents(FEW_SHAPED), extents(MORE_SHAPED));
         let reach = median(
             near.chunks_exact(k)
                 .map(|row| {
@@ -87,10 +96,10 @@ impl Sampling {
         Sampling {
             fills_volume: n >= MIN_POINTS_OF_A_KIND && share(&more, 2) > MIN_VOLUME_EXTENT,
             on_curves: n >= MIN_POINTS_OF_A_KIND
-                && share(&few, 1) < MAX_CURVE_EXTENTS[0]
-                && share(&more, 1) < MAX_CURVE_EXTENTS[1],
+                && share(&few, 1) < MAX_FEW_CURVE_EXTENT
+                && share(&more, 1) < MAX_MORE_CURVE_EXTENT,
             uneven: uneven(&unit, &near, k),
-            parts: parts(&tree, &unit, (PARTS.0 * reach) as f32),
+            parts: parts(&tree, &unit, (APART * reach) as f32),
         }
     }
 }
@@ -121,9 +130,9 @@ fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven> {
         (steps.len() > 1 && steps.iter().sum::<f64>() > 0.6 * length).then(|| median(steps) / along)
     };
     let far = |ratio: &f64| *ratio > UNEVEN;
-    let slices = (0..3).filter(|&a| cosines[a] < AXIS[0]).find_map(|a| Some((a, gap(a).filter(far)?)));
+    let slices = (0..3).filter(|&a| cosines[a] < MAX_ACROSS).find_map(|a| Some((a, gap(a).filter(far)?)));
     let mut anisotropy = [1.0; 3];
-    if let Some(line) = (0..3).find(|&a| cosines[a] > AXIS[1]) {
+    if let Some(line) = (0..3).find(|&a| cosines[a] > MIN_ALONG) {
         let ratio = (0..3).filter(|&a| a != line).find_map(|a| gap(a).filter(far))?;
         anisotropy[line] = UNEVEN;
         return Some(Uneven { ratio, anisotropy });
@@ -164,7 +173,7 @@ fn parts(tree: &KdTree, unit: &[[f32; 3]], apart: f32) -> Vec<usize> {
         }
         sizes.push(size);
     }
-    sizes.retain(|&size| size as f64 >= PARTS.1 * unit.len() as f64);
+    sizes.retain(|&size| size as f64 >= MIN_PART_SHARE * unit.len() as f64);
     sizes.sort_unstable_by(|a, b| b.cmp(a));
     sizes
 }

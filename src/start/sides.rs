@@ -8,7 +8,7 @@ use rayon::prelude::*;
 
 /// Neighbours whose normals are compared.
 const COMPARED: usize = 6;
-/// The cosine between the normals of neighbours on one surface that points against each other.
+/// Normals of neighbours contradict each other if the cosine between them is below this.
 const AGAINST: f64 = -0.5;
 /// The cosine between a normal and the way to a neighbour, at most, for both to lie on one side: on the other side of a
 /// thin part normals do point the other way.

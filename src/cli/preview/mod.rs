@@ -1,7 +1,6 @@
 //! Pictures of a cloud and its reconstruction, side by side, by a small software renderer.
 //!
-//! The one place of the program with arithmetic of its own: a picture is output, not a result, so it does not belong
-//! to the library.
+//! Pictures are output and no result, so their arithmetic is here and not in the library.
 
 use std::path::{Path, PathBuf};
 use std::str::FromStr;

@@ -5,9 +5,17 @@ use rayon::prelude::*;
 use super::camera::Camera;
 use super::raster::{Buffer, Material};
 
-/// Directions to the lights in the camera's coordinates, with their strengths.
-const KEY: ([f32; 3], f32) = ([-0.45, 0.62, 0.64], 0.80);
-const FILL: ([f32; 3], f32) = ([0.70, 0.10, 0.71], 0.22);
+/// A light far away.
+struct Lamp {
+    /// The direction to it in the camera's coordinates, about of length 1.
+    towards: [f32; 3],
+    strength: f32,
+}
+
+/// The main light.
+const KEY: Lamp = Lamp { towards: [-0.45, 0.62, 0.64], strength: 0.80 };
+/// The one that brightens what the main light leaves dark.
+const FILL: Lamp = Lamp { towards: [0.70, 0.10, 0.71], strength: 0.22 };
 /// Radius within which other surfaces hide the sky, in longest sides of the scene.
 const SHADOW: f32 = 0.09;
 /// Samples of the sky around each sample of the picture.
@@ -33,7 +41,7 @@ impl Light {
             ball: srgb(44, 92, 168),
             top: srgb(252, 253, 254),
             bottom: srgb(232, 237, 243),
-            half: unit([KEY.0[0], KEY.0[1], KEY.0[2] + 1.0]),
+            half: unit([KEY.towards[0], KEY.towards[1], KEY.towards[2] + 1.0]),
             spiral: std::array::from_fn(|k| {
                 let r = ((k as f32 + 0.5) / RAYS as f32).sqrt();
                 // The golden angle spreads the places evenly over the disc.
@@ -84,7 +92,7 @@ fn sample(buffer: &Buffer, camera: &Camera, light: &Light, x: usize, y: usize) -
     let depth = buffer.depth[i];
     let open = 1.0 - hidden(buffer, camera, light, x, y);
     let sky = (0.30 + 0.12 * n[1]) * open;
-    let diffuse = |(l, strength): ([f32; 3], f32)| strength * dot(n, l).max(0.0);
+    let diffuse = |lamp: Lamp| lamp.strength * dot(n, lamp.towards).max(0.0);
     // A hidden place also loses some direct light, which stands for shadows.
     let bright = sky + (diffuse(KEY) + diffuse(FILL)) * (0.45 + 0.55 * open);
     let shine = gloss * dot(n, light.half).max(0.0).powi(40) * open;

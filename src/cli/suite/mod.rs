@@ -35,7 +35,7 @@ use record::Record;
 use results::Results;
 use setting::{Change, Setting, Wanted};
 use store::RunFile;
-use work::Workshop;
+use work::Runner;
 
 const LONG: &str = "\
 Reconstruct many shapes with many settings and seeds, and tell how good the results are
@@ -176,11 +176,11 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     plan.notes.iter().for_each(|note| common.note(note));
 
     let runs = args.out.join("runs.jsonl");
-    let held = store::read(&runs)?;
-    if held.torn > 0 {
+    let stored = store::read(&runs)?;
+    if stored.torn > 0 {
         common.note(&format!("{}: dropped the last line, which is not whole", runs.display()));
     }
-    let mut records = held.records.clone();
+    let mut records = stored.records.clone();
     if args.retry {
         records.retain(|_, record| record.failure.is_none());
     }
@@ -194,7 +194,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     note_builds(&plan, &records, common);
 
     make_directory(&args.out)?;
-    let store = RunFile::open(&runs, &held)?;
+    let store = RunFile::open(&runs, &stored)?;
     let mut stopped = None;
     if !open.is_empty() {
         let interrupt = Interrupt::install(
@@ -202,7 +202,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
         )?;
         interrupt.begin();
         let threads = rayon::current_num_threads();
-        let workshop = Workshop {
+        let runner = Runner {
             out: &args.out,
             measure,
             jobs: args.jobs.map_or(threads, usize::from),
@@ -210,7 +210,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
             interrupt: &interrupt,
             quiet: common.quiet,
         };
-        let made = workshop.make(&open, store)?;
+        let made = runner.make(&open, store)?;
         stopped = interrupt.end().then_some((made.len(), open.len())).filter(|(done, all)| done < all);
         records.extend(made);
     }

@@ -12,7 +12,7 @@ use super::record::Record;
 
 /// What a file of runs holds.
 #[derive(Debug, Default)]
-pub struct Held {
+pub struct StoredRuns {
     /// The runs by fingerprint; of two with the same, the later one.
     pub records: HashMap<String, Record>,
     /// Bytes of whole lines.
@@ -22,10 +22,10 @@ pub struct Held {
 }
 
 /// Reads a file of runs; one that is not there holds none.
-pub fn read(path: &Path) -> Result<Held, Failure> {
+pub fn read(path: &Path) -> Result<StoredRuns, Failure> {
     let bytes = match fs::read(path) {
         Ok(bytes) => bytes,
-        Err(e) if e.kind() == IoKind::NotFound => return Ok(Held::default()),
+        Err(e) if e.kind() == IoKind::NotFound => return Ok(StoredRuns::default()),
         Err(e) => {
             let error = Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e);
             return Err(Failure::Input(error));
@@ -33,7 +33,8 @@ pub fn read(path: &Path) -> Result<Held, Failure> {
     };
     // A line is there once its end is: what follows the last end was being written when the program was killed.
     let whole = bytes.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1);
-    let mut held = Held { whole: whole as u64, torn: (bytes.len() - whole) as u64, ..Held::default() };
+    let mut stored =
+        StoredRuns { whole: whole as u64, torn: (bytes.len() - whole) as u64, ..StoredRuns::default() };
     for (i, line) in bytes[..whole].split(|&b| b == b'\n').enumerate() {
         if line.is_empty() {
             continue;
@@ -44,9 +45,9 @@ pub fn read(path: &Path) -> Result<Held, Failure> {
                 let error = error.in_file(path).at_line(i as u64 + 1);
                 Failure::Input(error.advise("remove the line, and its run is made again"))
             })?;
-        held.records.insert(record.fingerprint.clone(), record);
+        stored.records.insert(record.fingerprint.clone(), record);
     }
-    Ok(held)
+    Ok(stored)
 }
 
 /// A file of runs that is written to.
@@ -58,12 +59,12 @@ pub struct RunFile {
 
 impl RunFile {
     /// Opens the file behind what [`read`] found in it; a torn line is cut off.
-    pub fn open(path: &Path, held: &Held) -> Result<RunFile, Failure> {
+    pub fn open(path: &Path, stored: &StoredRuns) -> Result<RunFile, Failure> {
         let opened = OpenOptions::new().create(true).append(true).open(path);
         let file = opened
             .and_then(|file| {
-                if held.torn > 0 {
-                    file.set_len(held.whole)?;
+                if stored.torn > 0 {
+                    file.set_len(stored.whole)?;
                 }
                 Ok(file)
             })
@@ -100,25 +101,25 @@ mod tests {
     fn a_torn_line_is_dropped_and_the_rest_stays() {
         let path = std::env::temp_dir().join(format!("bijective-sdf-suite-{}.jsonl", std::process::id()));
         let _ = fs::remove_file(&path);
-        let held = read(&path).unwrap();
-        assert_eq!((held.records.len(), held.torn), (0, 0));
-        let mut store = RunFile::open(&path, &held).unwrap();
+        let stored = read(&path).unwrap();
+        assert_eq!((stored.records.len(), stored.torn), (0, 0));
+        let mut store = RunFile::open(&path, &stored).unwrap();
         store.append(&line("x", 1.0)).unwrap();
         store.append(&line("y", 2.0)).unwrap();
         store.append(&line("x", 3.0)).unwrap();
         let all = fs::read(&path).unwrap();
-        let held = read(&path).unwrap();
-        assert_eq!((held.records.len(), held.torn, held.records["x"].seconds), (2, 0, 3.0));
+        let stored = read(&path).unwrap();
+        assert_eq!((stored.records.len(), stored.torn, stored.records["x"].seconds), (2, 0, 3.0));
 
         // Cut at any byte, whole lines stay and can be gone on from.
         let ends: Vec<usize> = (1..=all.len()).filter(|&i| all[i - 1] == b'\n').collect();
         for cut in 0..all.len() {
             fs::write(&path, &all[..cut]).unwrap();
-            let held = read(&path).unwrap();
+            let stored = read(&path).unwrap();
             let lines = ends.iter().filter(|&&end| end <= cut).count();
-            assert_eq!(held.records.len(), lines.min(2));
-            assert_eq!(held.torn > 0, cut > 0 && !ends.contains(&cut));
-            RunFile::open(&path, &held).unwrap().append(&line("z", 4.0)).unwrap();
+            assert_eq!(stored.records.len(), lines.min(2));
+            assert_eq!(stored.torn > 0, cut > 0 && !ends.contains(&cut));
+            RunFile::open(&path, &stored).unwrap().append(&line("z", 4.0)).unwrap();
             assert_eq!(read(&path).unwrap().records.len(), lines.min(2) + 1);
         }
 

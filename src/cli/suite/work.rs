@@ -28,7 +28,7 @@ use super::record::{Machine, Outcome, Record, line};
 use super::store::RunFile;
 
 /// Added to a run's seed where the truth is sampled for its input: the comparison samples it with small seeds, and its
-/// samples must not be the input's.
+/// samples must not be the input's. The bytes are the ASCII of "input".
 const INPUT_SEED: u64 = 0x696e_7075_7400_0000;
 
 /// A surface that results are held against.
@@ -109,7 +109,7 @@ fn added(points: &[[f32; 3]], offset: [f64; 3]) -> Vec<[f64; 3]> {
 }
 
 /// Where, how and with what the runs of a suite are made.
-pub struct Workshop<'a> {
+pub struct Runner<'a> {
     /// The directory of all results.
     pub out: &'a Path,
     /// How the meshes of all runs are taken and measured.
@@ -127,9 +127,9 @@ pub struct Workshop<'a> {
 /// A truth that several runs share, with its floor.
 type Shared = OnceLock<Result<(Truth, Option<Metrics>), String>>;
 
-impl Workshop<'_> {
-    /// Makes the runs and keeps each as soon as it is done. Ends early with an error if one cannot be kept, and without
-    /// if it is asked to. Returns what was made.
+impl Runner<'_> {
+    /// Makes the runs and stores each as soon as it is done. Ends early with an error if a run cannot be stored, and
+    /// without one if the user interrupts. Returns what was made.
     pub fn make(&self, open: &[&Job<'_>], store: RunFile) -> Result<HashMap<String, Record>, Failure> {
         let truths: HashMap<&Path, Shared> = open
             .iter()
@@ -140,7 +140,8 @@ impl Workshop<'_> {
         let jobs = self.jobs.min(open.len()).max(1);
         let machine =
             Machine { threads: (self.threads / jobs).max(1), jobs, build: fingerprint::of_program() };
-        let shelf = Mutex::new(Shelf { store, made: HashMap::new(), failure: None, began: Instant::now() });
+        let finished =
+            Mutex::new(Finished { store, made: HashMap::new(), failure: None, began: Instant::now() });
         let next = AtomicUsize::new(0);
         thread::scope(|scope| {
             for _ in 0..jobs {
@@ -149,32 +150,32 @@ impl Workshop<'_> {
                         Ok(pool) => pool,
                         Err(e) => {
                             let text = format!("cannot start {} threads ({e})", machine.threads);
-                            return shelf.lock().expect("no panic within").fail(Failure::Usage(text));
+                            return finished.lock().expect("no panic within").fail(Failure::Usage(text));
                         }
                     };
-                    while !self.interrupt.asked() && !shelf.lock().expect("no panic within").failed() {
+                    while !self.interrupt.asked() && !finished.lock().expect("no panic within").failed() {
                         let Some(job) = open.get(next.fetch_add(1, Ordering::Relaxed)) else { break };
                         let truth = job.shape.truth.as_ref().map(|t| &truths[t.1.as_path()]);
                         match pool.install(|| self.run(job, truth)) {
                             Ok(Some(outcome)) => {
                                 let text = line(job, &outcome, &machine, self.measure);
-                                let mut shelf = shelf.lock().expect("no panic within");
-                                shelf.keep(&text);
-                                if !self.quiet && !shelf.failed() {
-                                    say(&shelf.progress(job, &outcome, open.len()));
+                                let mut finished = finished.lock().expect("no panic within");
+                                finished.keep(&text);
+                                if !self.quiet && !finished.failed() {
+                                    say(&finished.progress(job, &outcome, open.len()));
                                 }
                             }
                             Ok(None) => break,
-                            Err(failure) => shelf.lock().expect("no panic within").fail(failure),
+                            Err(failure) => finished.lock().expect("no panic within").fail(failure),
                         }
                     }
                 });
             }
         });
-        let shelf = shelf.into_inner().expect("no panic within");
-        match shelf.failure {
+        let finished = finished.into_inner().expect("no panic within");
+        match finished.failure {
             Some(failure) => Err(failure),
-            None => Ok(shelf.made),
+            None => Ok(finished.made),
         }
     }
 
@@ -202,7 +203,7 @@ impl Workshop<'_> {
                     let floor = truth.floor(&options)?;
                     Ok((truth, floor))
                 };
-                let read = shared.get_or_init(|| read().map_err(|failure| text_of(&failure)));
+                let read = shared.get_or_init(|| read().map_err(|failure| failure.text()));
                 Some(read.as_ref().map_err(|text| Stop::Failed(text.clone()))?)
             }
             _ => None,
@@ -285,20 +286,14 @@ enum Stop {
 
 impl From<Error> for Stop {
     fn from(e: Error) -> Self {
-        Stop::Failed(text_of(&Failure::Library(e)))
+        Stop::Failed(Failure::Library(e).text())
     }
 }
 
 impl From<Failure> for Stop {
     fn from(failure: Failure) -> Self {
-        Stop::Failed(text_of(&failure))
+        Stop::Failed(failure.text())
     }
-}
-
-/// The failure in one line.
-pub fn text_of(failure: &Failure) -> String {
-    let line = failure.line().unwrap_or_default();
-    line.strip_prefix("error: ").unwrap_or(&line).to_string()
 }
 
 fn message(panic: &(dyn Any + Send)) -> &str {
@@ -310,7 +305,7 @@ fn message(panic: &(dyn Any + Send)) -> &str {
 }
 
 /// Where finished runs go.
-struct Shelf {
+struct Finished {
     store: RunFile,
     made: HashMap<String, Record>,
     /// Why no more runs can be kept.
@@ -318,7 +313,7 @@ struct Shelf {
     began: Instant,
 }
 
-impl Shelf {
+impl Finished {
     fn keep(&mut self, line: &str) {
         let record = Record::read(line).expect("a line of our own");
         match self.store.append(line) {
@@ -389,7 +384,7 @@ mod tests {
         let deviation = (off.sum::<f64>() / 150.0).sqrt();
         assert!((0.03..0.05).contains(&deviation), "{deviation}");
         let job = Job { shape: &shape, setting: &many, seed: 0, fingerprint: String::new() };
-        assert!(text_of(&points_of(&job, None).unwrap_err()).contains("no faces"));
+        assert!(points_of(&job, None).unwrap_err().text().contains("no faces"));
     }
 
     #[test]

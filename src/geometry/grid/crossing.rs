@@ -5,11 +5,12 @@
 pub(crate) const MARGIN: f32 = 1e-4;
 
 /// The share of the way along an edge, from its first end, at which a linear function with the values `a` and `b` at
-/// the ends is 0; in [1e-4, 1 - 1e-4]. The values differ in sign, where 0 counts as positive.
+/// the ends is 0; in [`MARGIN`, 1 - `MARGIN`]. The values differ in sign, where 0 counts as positive.
 pub(crate) fn crossing_share(a: f32, b: f32) -> f32 {
     // In f64 the difference of two f32 neither overflows nor vanishes.
     let (a, b) = (f64::from(a), f64::from(b));
-    (a / (a - b)).clamp(1e-4, 1.0 - 1e-4) as f32
+    let margin = f64::from(MARGIN);
+    (a / (a - b)).clamp(margin, 1.0 - margin) as f32
 }
 
 /// The point at a share of the way from p to q.

@@ -12,14 +12,15 @@ use crate::error::{Error, ErrorKind};
 use crate::geometry::{PointTree, TriangleMesh, evened, spacing};
 use rayon::prelude::*;
 
-/// How fast the side of the cells may grow along a line. A tetrahedron has a longest edge of sqrt(3), sqrt(2) or 1
-/// sides. The closest call is the last one, where other edges are sqrt(3)/2 long with midpoints sqrt(3)/4 away: the
-/// longest is halved whenever the others are if (1 - sqrt(3)/2) / sqrt(3) > sqrt(3)/4 of the growth, below 0.178.
+/// The most that the side of the cells may grow over a unit of distance. The longest edge of a tetrahedron, sqrt(3),
+/// sqrt(2) or 1 sides of its cube, must be halved before any other. The limit is reached where it is 1: others are
+/// sqrt(3)/2 long, their midpoints sqrt(3)/4 away, and an edge is halved if it is longer than sqrt(3) times the side
+/// that is allowed at its midpoint, so growth must stay below (1 - sqrt(3)/2) / sqrt(3) / (sqrt(3)/4) = 0.178.
 const GROWTH: f64 = 0.17;
-/// Sides of the whole cube over those of the largest cells, so that no part of a surface that is larger than these
-/// slips through between the points.
+/// The side of the whole cube is at least this many sides of the largest cells, so that no part of a surface that is
+/// larger than these slips through between the points.
 const MIN_RESOLUTION: f64 = 16.0;
-/// Sides of cells that positions in 32 bits are fine enough for, in a frame of about unit size.
+/// The least side of a cell: with smaller ones, positions in 32 bits would coincide (frame of about unit size).
 const MIN_SIDE: f64 = 2e-5;
 /// Lattice units along the side of the whole cube, a power of two: the finest cells are one unit large.
 const UNITS: u32 = 1 << 18;
@@ -27,7 +28,9 @@ const UNITS: u32 = 1 << 18;
 const BITS: u32 = 20;
 /// Tetrahedra at most, some gigabytes.
 const MAX_TETS: usize = 1 << 28;
-/// Longest edges of a tetrahedron that its corners' values may say that the surface is away for it to be looked into.
+/// A half of a tetrahedron whose corners are all on one side is looked into only if the value at one of them is at most
+/// this many times the longest edge of the whole: farther away the surface cannot cross it if the field is about a
+/// distance.
 const FAR: f32 = 1.5;
 /// Halvings down to the finest cells.
 const MAX_DEPTH: u32 = 3 * UNITS.trailing_zeros();

@@ -137,7 +137,7 @@ impl<'g> Level<'g> {
                     format!("the field is {value} at position {position:?}"),
                 )
                 .at_element(format!("grid vertex {fine:?}"))
-                .advise("lower the learning rate or restart from an earlier checkpoint"));
+                .advise("check the field at this position"));
             }
             let slot = self.bricks.slot_or_new(v);
             self.bricks.values[slot] = if self.grid.is_border(fine) { value.max(outside) } else { value };

@@ -11,8 +11,8 @@ pub(super) struct Measure {
     /// What was subtracted from all of them, see [`TriangleMesh::offset`].
     offset: [f64; 3],
     /// The least and greatest coordinates of `verts`, NaN on an axis where one is NaN; zero if there are none.
-    extent: [[f32; 3]; 2],
-    /// The middle of `extent`. Volumes are measured from here, so that a mesh far from the origin loses no digits.
+    box_corners: [[f32; 3]; 2],
+    /// The middle of `box_corners`. Volumes are measured from here, so that a mesh far from the origin loses no digits.
     centre: [f64; 3],
 }
 
@@ -20,10 +20,10 @@ impl Measure {
     pub fn of<P: Position>(mesh: &TriangleMesh<P>) -> Self {
         let offset = if are_f32(&mesh.verts) { [0.0; 3] } else { mesh.offset() };
         let verts = about(&mesh.verts, offset);
-        let extent = extent(&verts);
-        let [lo, hi] = extent;
+        let box_corners = box_corners(&verts);
+        let [lo, hi] = box_corners;
         let centre = std::array::from_fn(|a| 0.5 * (f64::from(lo[a]) + f64::from(hi[a])));
-        Measure { verts, offset, extent, centre }
+        Measure { verts, offset, box_corners, centre }
     }
 
     /// The signed volume of the tetrahedron between a face and the centre, and the area of the face.
@@ -39,12 +39,12 @@ impl Measure {
             // There is an offset only where every coordinate is finite.
             return Bounds::of(&mesh.verts).ok().map(|b| [b.min, b.max]);
         }
-        (!self.verts.is_empty()).then(|| self.extent.map(|corner| corner.map(f64::from)))
+        (!self.verts.is_empty()).then(|| self.box_corners.map(|corner| corner.map(f64::from)))
     }
 }
 
 /// The least and greatest coordinates of positions, v x 3, NaN on an axis where one is NaN; zero if there are none.
-fn extent(verts: &[[f32; 3]]) -> [[f32; 3]; 2] {
+fn box_corners(verts: &[[f32; 3]]) -> [[f32; 3]; 2] {
     let pick = |old: f32, new: f32, better: bool| {
         if old.is_nan() || new.is_nan() {
             f32::NAN

@@ -41,7 +41,7 @@ pub struct TriangleBvh {
     face: Vec<u32>,
     /// Where each face went in the sorted order.
     place: Vec<u32>,
-    /// What it is built in.
+    /// Working space of `rebuild`, kept for the next one.
     order: Vec<Item>,
 }
 
@@ -67,7 +67,7 @@ impl TriangleBvh {
         Ok(tree)
     }
 
-    /// A tree that is to be [rebuilt](Self::rebuild) before it is asked.
+    /// An empty tree; [`rebuild`](Self::rebuild) it before any query.
     pub(crate) fn over_nothing() -> Self {
         let (nodes, corners, face) = Default::default();
         TriangleBvh { nodes, corners, face, place: Vec::new(), order: Vec::new() }

@@ -26,13 +26,13 @@ impl TriangleBvh {
         assert!(q.iter().all(|x| x.is_finite()), "TriangleBvh::winding: query {q:?} is not finite");
         let q = q.map(f64::from);
         let mut count = 0;
-        self.visit(|min, max| meets_box(q, min, max), |corners| count += crossing(q, corners));
+        self.visit(|min, max| meets_box(q, min, max), |corners| count += ray_crossing(q, corners));
         count
     }
 
     /// The signed distance of `q` from a closed mesh whose faces look outward, negative inside, and its gradient there:
-    /// the unit vector away from the nearest point, outside, or towards it, inside; within 1e-4 the face's normal. In
-    /// the working frame, for which this is little.
+    /// the unit vector away from the nearest point, outside, or towards it, inside; at distances up to 1e-4
+    /// (working frame) the normal of the nearest face, as the direction to so near a point is rounding.
     ///
     /// # Panics
     /// If `q` is not finite.
@@ -69,7 +69,7 @@ fn meets_box(q: [f64; 3], min: [f64; 3], max: [f64; 3]) -> bool {
 }
 
 /// +1 if the ray from `q` leaves through the triangle, -1 if it enters, 0 if it misses.
-fn crossing(q: [f64; 3], corners: [[f64; 3]; 3]) -> i32 {
+fn ray_crossing(q: [f64; 3], corners: [[f64; 3]; 3]) -> i32 {
     // Sheared so that the ray goes up from the origin.
     let [a, b, c] = corners.map(|p| {
         let z = p[2] - q[2];
@@ -202,7 +202,7 @@ mod tests {
             })
             .collect();
         let winding = |corners: [[f64; 3]; 6]| -> i32 {
-            faces.iter().map(|face| crossing([0.0; 3], face.map(|c| corners[c]))).sum()
+            faces.iter().map(|face| ray_crossing([0.0; 3], face.map(|c| corners[c]))).sum()
         };
         assert_eq!(winding(corners), 1);
         for through in [&[2][..], &[0], &[4], &[0, 2], &[1, 5], &[3, 4], &[0, 1, 2], &[3, 4, 5]] {
