@@ -4,8 +4,8 @@
 //! K(x, y) = -(x - y) / (4 pi |x - y|^3), and it is 1/2 on the surface itself. Asking for 1/2 at all n points and for
 //! the smallest mu (3 n unknowns) gives one symmetric n x n system: (A A^T + (alpha - 1) diag(A A^T)) xi = 1/2,
 //! mu = A^T xi (Lin, Xiao, Shi, Wang 2022, "Surface Reconstruction from Point Clouds without Normals by Parametrizing
-//! the Gauss Formula"). No normals, no iteration. The field starts from it where a sphere would have to find every
-//! limb and hole on its way.
+//! the Gauss Formula"). No normals, no iteration. The field starts from this guess; from a sphere the training would
+//! have to find every limb and hole by itself.
 //!
 //! The true mu_j is a normal times the area a_j that point j stands for. So "smallest" is measured here by
 //! sum_j |mu_j|^2 / a_j, the integral of |n|^2 over the surface, where the paper takes sum_j |mu_j|^2 and thereby
@@ -34,7 +34,7 @@ const SLAB: usize = 128;
 /// The area that a point stands for, in squares of its spacing: of points spread at random, the seven nearest are on
 /// average 1.05 roots of that area away.
 const AREA: f64 = 0.91;
-/// The level of given normals at least.
+/// The lowest level that is taken for given normals, see [`GaussField::of_normals`].
 const LEAST_LEVEL: f32 = 0.25;
 
 /// The indicator of a shape as a sum of dipoles at its points.
@@ -114,7 +114,8 @@ impl GaussField {
         let widths: Vec<f64> = spacing.iter().map(|s| (f64::from(radius) * s).max(MIN_RADIUS)).collect();
         let areas = relative_areas(points, &spacing);
 
-        // A is n x 3n; its columns hold the kernel of one source at all points. A W A^T is summed over slabs of sources.
+        // A is n x 3n; its columns hold the kernel of one source at all points. A W A^T is summed over slabs of
+        // sources.
         let places: [Vec<f64>; 3] = std::array::from_fn(|d| points.iter().map(|p| f64::from(p[d])).collect());
         let mut system = Symmetric::zeros(n);
         let mut slab = vec![0.0; 3 * n * SLAB.min(n)];
@@ -170,9 +171,9 @@ impl GaussField {
     }
 }
 
-/// The areas that `points` (n x 3) stand for, over that of a point with the mean spacing (n): squares of their `spacing`
-/// (n), which is averaged over the 16 nearest points first, as that of a single point of an even cloud scatters. 1 for
-/// all points if they all coincide.
+/// The areas that `points` (n x 3) stand for, over that of a point with the mean spacing (n): squares of their
+/// `spacing` (n), which is averaged over the 16 nearest points first, as that of a single point of an even cloud
+/// scatters. 1 for all points if they all coincide.
 fn relative_areas(points: &[[f32; 3]], spacing: &[f64]) -> Vec<f64> {
     let mean = spacing.iter().sum::<f64>() / spacing.len() as f64;
     if mean <= 0.0 {
