@@ -139,6 +139,8 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     common.tell(&cloud.warnings, &cloud.notices);
     // The same check as the library's, here for its numbers and for an error that names the file.
     let clean = clean_cloud(&cloud.points).map_err(|e| Failure::Input(e.in_file(input.path())))?;
+    // So that strays, too, do not depend on the order of the points.
+    let clean = clean.sorted();
     if clean.duplicates_merged > 0 {
         common.note(&format!("left out {} points that repeat others", clean.duplicates_merged));
     }

@@ -1,5 +1,6 @@
 //! Whether a point cloud can be reconstructed at all.
 
+use std::cmp::Ordering;
 use std::collections::HashSet;
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
@@ -14,14 +15,31 @@ const MIN_EXTENT_RATIO: f64 = 1e-6;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct CleanCloud {
-    /// The distinct points, n x 3, in their first order of appearance, exactly as given.
+    /// The distinct points, n x 3, exactly as given and, unless [`sorted`](Self::sorted), in their first order of
+    /// appearance.
     pub points: Vec<[f64; 3]>,
-    /// The index of each of `points` in the cloud that was given, n, ascending.
+    /// The index of each of `points` in the cloud that was given, n; ascending unless sorted.
     pub given: Vec<u32>,
     /// How many points were left out because an earlier one lies at the same place.
     pub duplicates_merged: usize,
     /// The lengths of the cloud along its principal axes, largest first, in the points' unit.
     pub extents: [f64; 3],
+}
+
+impl CleanCloud {
+    /// The same points ordered by x, then y, then z, so that the same points in another order are the same cloud.
+    pub fn sorted(mut self) -> CleanCloud {
+        // Adding 0 turns -0 into 0.
+        let key = |p: &[f64; 3]| p.map(|x| x + 0.0);
+        let mut order: Vec<u32> = (0..self.points.len() as u32).collect();
+        order.sort_by(|&i, &j| {
+            let (a, b) = (key(&self.points[i as usize]), key(&self.points[j as usize]));
+            (0..3).map(|axis| a[axis].total_cmp(&b[axis])).find(|o| o.is_ne()).unwrap_or(Ordering::Equal)
+        });
+        self.points = order.iter().map(|&i| self.points[i as usize]).collect();
+        self.given = order.iter().map(|&i| self.given[i as usize]).collect();
+        self
+    }
 }
 
 /// Merges exact duplicates of n x 3 `points` and refuses clouds that enclose nothing.
@@ -151,6 +169,14 @@ mod tests {
         assert_eq!(clean.points, [d, a, b, c].map(Position::wide));
         assert_eq!((clean.given, clean.duplicates_merged), (vec![0, 1, 3, 5], 4));
         assert!(clean.extents[0] >= clean.extents[2] && clean.extents[2] > 0.1);
+    }
+
+    #[test]
+    fn sorted_clouds_have_forgotten_their_order() {
+        let [a, b, c, d] = CORNERS;
+        let clean = clean_cloud(&[d, c, d, b, a, b]).unwrap().sorted();
+        assert_eq!(clean.points, [a, d, c, b].map(Position::wide));
+        assert_eq!((clean.given, clean.duplicates_merged), (vec![4, 0, 1, 3], 2));
     }
 
     #[test]

@@ -329,7 +329,7 @@ impl Reconstruction {
         self.coverage.as_ref()
     }
 
-    /// The distinct points it was made from, n x 3, as given.
+    /// The distinct points it was made from, n x 3, as given but ordered by their coordinates.
     pub fn cloud(&self) -> &[[f64; 3]] {
         &self.cloud
     }

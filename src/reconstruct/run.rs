@@ -53,7 +53,8 @@ impl Outcome {
 
 /// Reconstructs the surface that `points` (n x 3, any frame, of 32 or 64 bits) were taken from.
 ///
-/// Coordinates may be large or small and far from the origin: the work is done about the middle of the cloud.
+/// The order of the points makes no difference. Coordinates may be large or small and far from the origin: the work is
+/// done about the middle of the cloud.
 ///
 /// # Errors
 /// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::Diverged`] or

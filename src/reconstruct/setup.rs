@@ -24,7 +24,7 @@ const MIN_THINNED: usize = 64;
 pub(super) struct Prepared {
     /// Adapted to the number of points.
     pub config: Config,
-    /// The input points without duplicates, n x 3, input frame.
+    /// The input points without duplicates, sorted, n x 3, input frame.
     pub input: Vec<[f64; 3]>,
     /// Normals at the input points, n x 3, of unit length or zero, where they are given.
     pub normals: Option<Vec<[f32; 3]>>,
@@ -54,7 +54,7 @@ pub(super) fn prepare<P: Position>(
         .at_element("option start.shape")
         .advise("take another start.shape, such as plate, or leave the normals out"));
     }
-    let clean = clean_cloud(points)?;
+    let clean = clean_cloud(points)?.sorted();
     let frame = Frame::of(&clean.points, hints.anisotropy.unwrap_or([1.0; 3]))?;
     Ok(Prepared {
         config: config.clone().for_points(clean.points.len()),
@@ -68,7 +68,7 @@ pub(super) fn prepare<P: Position>(
 /// What a run works on. It follows from the input points and the options; no step changes it.
 pub(super) struct Setup {
     pub config: Config,
-    /// The input points, distinct, input frame.
+    /// The input points, distinct and sorted, input frame.
     pub input: Vec<[f64; 3]>,
     /// Their normals, if given, n x 3; a checkpoint knows them again.
     #[cfg(feature = "checkpoint")]

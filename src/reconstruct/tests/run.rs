@@ -253,3 +253,32 @@ fn a_step_that_is_given_up_has_not_begun() {
     assert!(asked_most > 3 && given_up > 30, "{asked_most} {given_up}");
     assert!(bits(&trainer.finish()) == straight);
 }
+
+proptest::proptest! {
+    #![proptest_config(proptest::prelude::ProptestConfig::with_cases(6))]
+
+    /// The same points, some of them twice, in another order give the same bytes, and so do their normals.
+    #[test]
+    fn the_order_of_the_points_makes_no_difference(seed: u64, start: bool, hinted: bool) {
+        use crate::geometry::Shape;
+        use crate::reconstruct::Hints;
+        use rand::SeedableRng;
+        use rand::rngs::ChaCha8Rng;
+        use rand::seq::SliceRandom;
+        let (points, normals) = Shape::Torus { major: 1.0, minor: 0.4 }.sample(70, 3);
+        let config = if start { Config::preset(Preset::Start) } else { tiny() };
+        let of = |rows: &[usize]| {
+            let (points, normals): (Vec<[f32; 3]>, Vec<[f32; 3]>) =
+                rows.iter().map(|&i| (points[i], normals[i])).unzip();
+            let hints = Hints { normals: hinted.then_some(&normals[..]), ..Hints::default() };
+            let mut trainer = Trainer::with_hints(&points, &config, &hints).unwrap();
+            while !trainer.is_done() {
+                trainer.step().unwrap();
+            }
+            bits(&trainer.finish())
+        };
+        let mut rows: Vec<usize> = (0..70).chain([3, 30, 3]).collect();
+        rows.shuffle(&mut ChaCha8Rng::seed_from_u64(seed));
+        proptest::prop_assert!(of(&rows) == of(&(0..70).collect::<Vec<_>>()));
+    }
+}
