@@ -57,6 +57,7 @@ fn read_or<T: Text + Default + PartialEq>(text: &str, word: &str) -> Result<Opti
 const FIRST: &[Entry] = entries! {
     seed;
     scale_with_points;
+    train_up_to or "all";
     denoise;
     field.width;
     field.depth;
@@ -369,6 +370,7 @@ mod tests {
     #[test]
     fn words_stand_for_none_and_so_does_zero() {
         for (key, word, some) in [
+            ("train_up_to", "all", "500"),
             ("field.skip", "none", "1"),
             ("bsp.reach", "all", "3"),
             ("bsp_every", "never", "4"),

@@ -133,6 +133,7 @@ fn default() -> Config {
     Config {
         seed: 0,
         scale_with_points: true,
+        train_up_to: Some(1000),
         denoise: true,
         field: FieldConfig::default(),
         parameterization: Parameterization::Bsp,

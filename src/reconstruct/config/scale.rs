@@ -1,8 +1,9 @@
 //! Options adapted to the number of points.
 
+use crate::bsp::Parameterization;
 use crate::field::octave_factor;
-use crate::reconstruct::Config;
 use crate::reconstruct::config::{MAX_DRAWN, MAX_FREQUENCY, MAX_STEPS};
+use crate::reconstruct::{Config, StartShape};
 
 /// Cloud sizes up to this one are what the presets were made for.
 const USUAL_POINTS: usize = 2048;
@@ -24,7 +25,10 @@ const MAX_SAMPLES_FACTOR: f64 = 8.0;
 const LOCAL_REACH: usize = 16;
 
 impl Config {
-    /// Adapts the options to a cloud of n points. Up to 2,048 points nothing changes. Beyond, with s = n / 2048:
+    /// Adapts the options to a cloud of n points.
+    ///
+    /// Beyond [`train_up_to`](Self::train_up_to) nothing is trained: there are no stages and there is no S. Where
+    /// training goes on beyond that, nothing else changes up to 2,048 points. Beyond, with s = n / 2048:
     ///
     /// | option | rule | because |
     /// |---|---|---|
@@ -43,7 +47,13 @@ impl Config {
         if !self.scale_with_points {
             return self;
         }
+        let trains = self.trains(n);
         self.scale_with_points = false;
+        if !trains {
+            self.stages.clear();
+            self.parameterization = Parameterization::None;
+            return self;
+        }
         if n <= USUAL_POINTS {
             return self;
         }
@@ -76,6 +86,17 @@ impl Config {
         self.bsp.reach = self.bsp.reach.or(Some(LOCAL_REACH));
         self
     }
+
+    /// Whether anything is trained for a cloud of n points: there are stages, and `train_up_to` allows it.
+    pub fn trains(&self, n: usize) -> bool {
+        let limit = match self.start.shape {
+            // A sphere is no result.
+            StartShape::Sphere => None,
+            _ if !self.scale_with_points => None,
+            _ => self.train_up_to,
+        };
+        !self.stages.is_empty() && limit.is_none_or(|limit| n <= limit)
+    }
 }
 
 #[cfg(test)]
@@ -83,10 +104,34 @@ mod tests {
     use super::*;
     use crate::reconstruct::{Preset, Stage};
 
+    /// A preset that trains for clouds of any size.
+    fn trained(preset: Preset) -> Config {
+        Config { train_up_to: None, ..Config::preset(preset) }
+    }
+
+    #[test]
+    fn large_clouds_keep_their_first_shape_unless_that_is_a_sphere() {
+        for preset in Preset::ALL {
+            let config = Config::preset(preset);
+            let small = config.clone().for_points(1000);
+            let large = config.clone().for_points(1001);
+            assert_eq!(config.trains(1000), preset != Preset::Start);
+            assert_eq!(config.trains(1001), preset == Preset::Paper);
+            assert_eq!(large.stages.is_empty(), preset != Preset::Paper);
+            assert_eq!(small.stages, config.stages);
+            large.validate().unwrap();
+            let fixed = Config { scale_with_points: false, ..config };
+            assert_eq!(fixed.clone().for_points(5000), fixed);
+        }
+        // The result is that of the preset that trains nothing.
+        let start = Config::preset(Preset::Start).for_points(5000);
+        assert_eq!(Config::preset(Preset::Default).for_points(5000), start);
+    }
+
     #[test]
     fn usual_sizes_change_nothing_and_larger_ones_nothing_twice() {
         for preset in Preset::ALL {
-            let config = Config::preset(preset);
+            let config = trained(preset);
             for n in [1, 300, USUAL_POINTS] {
                 let usual = Config { scale_with_points: false, ..config.clone() };
                 assert_eq!(config.clone().for_points(n), usual);
@@ -101,7 +146,7 @@ mod tests {
 
     #[test]
     fn the_street_gets_what_the_table_says() {
-        let config = Config::preset(Preset::Fine).for_points(14_623);
+        let config = trained(Preset::Fine).for_points(14_623);
         let stages = [Stage { resolution: 84, steps: 327 }, Stage { resolution: 128, steps: 327 }];
         assert_eq!(config.stages, stages);
         assert_eq!((config.field.width, config.field.octaves, config.start.steps), (128, 4, 654));
@@ -111,9 +156,9 @@ mod tests {
     #[test]
     fn nothing_shrinks_as_clouds_grow() {
         for preset in Preset::ALL {
-            let mut before = Config::preset(preset).for_points(1);
+            let mut before = trained(preset).for_points(1);
             for n in (11..27).map(|power| 1usize << power) {
-                let now = Config::preset(preset).for_points(n + 1);
+                let now = trained(preset).for_points(n + 1);
                 now.validate().unwrap();
                 let stages = now.stages.iter().zip(&before.stages);
                 assert!(stages.clone().all(|(a, b)| a.resolution >= b.resolution && a.steps >= b.steps));
@@ -126,7 +171,7 @@ mod tests {
 
     #[test]
     fn options_at_their_limits_stay_valid() {
-        let mut config = Config::preset(Preset::Default);
+        let mut config = trained(Preset::Default);
         config.field.octaves = 9;
         config.field.frequency = 3.9;
         config.stages = vec![Stage { resolution: 256, steps: MAX_STEPS }];
@@ -141,7 +186,7 @@ mod tests {
     #[test]
     fn octaves_out_of_range_are_left_to_validation() {
         for octaves in [31, 32, 1000, usize::MAX] {
-            let mut config = Config::preset(Preset::Default);
+            let mut config = trained(Preset::Default);
             config.field.octaves = octaves;
             let scaled = config.for_points(1 << 20);
             assert_eq!(scaled.field.octaves, octaves);

@@ -13,11 +13,11 @@ pub(super) struct Kind {
 }
 
 /// A state of a run, to go on from.
-pub(super) const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 5, oldest: 4 };
+pub(super) const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 6, oldest: 4 };
 /// A result. Files of version 2 are read by all later programs. Options may come, go and change their names within a
 /// version, as far as [`options`](super::options) says what stands for those that are missing; the version grows with a
 /// change of meaning.
-pub(super) const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 4, oldest: 2 };
+pub(super) const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 5, oldest: 2 };
 
 impl Kind {
     /// Puts the kind and its version into a file.
@@ -54,7 +54,7 @@ mod tests {
             RECONSTRUCTION.check(&store).map_err(|e| e.advice().unwrap().to_string())
         };
         (2..5).for_each(|v| assert_eq!(advice(&format!("reconstruction {v}")), Ok(v)));
-        assert!(advice("reconstruction 5").unwrap_err().contains("later version"));
+        assert!(advice("reconstruction 6").unwrap_err().contains("later version"));
         assert!(advice("reconstruction 1").unwrap_err().contains("early version"));
         for other in ["checkpoint 2", "reconstruction", ""] {
             assert!(advice(other).unwrap_err().contains("resume from checkpoints"), "{other}");

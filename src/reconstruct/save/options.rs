@@ -20,8 +20,14 @@ struct Added {
 }
 
 /// Options that are younger than the oldest files that are read.
-const ADDED_TO_RESULTS: &[Added] = &[Added { key: "finish", since: 3, before: "none" }];
-const ADDED_TO_CHECKPOINTS: &[Added] = &[Added { key: "finish", since: 5, before: "none" }];
+const ADDED_TO_RESULTS: &[Added] = &[
+    Added { key: "finish", since: 3, before: "none" },
+    Added { key: "train_up_to", since: 5, before: "all" },
+];
+const ADDED_TO_CHECKPOINTS: &[Added] = &[
+    Added { key: "finish", since: 5, before: "none" },
+    Added { key: "train_up_to", since: 6, before: "all" },
+];
 
 /// Options that a result is read by: the shape of its network, how it is finished, and what its mesh is made by.
 fn is_needed(key: &str) -> bool {
