@@ -4,8 +4,8 @@
 //! what the head's output is added to ([`Canonical`](super::Canonical)).
 
 use crate::geometry::vec3::{dot, sub};
-use crate::geometry::{KdTree, fibonacci_sphere};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use crate::geometry::{KdTree, PrincipalAxes, fibonacci_sphere, mean_point};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 /// The number of relaxation rounds.
@@ -89,15 +89,16 @@ pub(super) fn spherical_layout(points: &[[f32; 3]], neighbours: &[u32]) -> Vec<[
 fn projected(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let wide = |p: &[f32; 3]| Vector3::from(p.map(f64::from));
     let count = points.len().max(1) as f64;
-    let mean = points.iter().map(wide).sum::<Vector3<f64>>() / count;
+    let mean = mean_point(points.iter().map(wide));
+    // Divided term by term: another order of roundings would lay the codes out in other bits.
     let covariance = points.iter().fold(Matrix3::zeros(), |sum, p| {
         let d = wide(p) - mean;
         sum + d * d.transpose() / count
     });
-    let eigen = SymmetricEigen::new(covariance);
-    let largest = eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
-    let scales = eigen.eigenvalues.map(|v| 1.0 / (v / largest).max(1e-4).sqrt());
-    let whiten = eigen.eigenvectors * Matrix3::from_diagonal(&scales) * eigen.eigenvectors.transpose();
+    let PrincipalAxes { directions, squares } = PrincipalAxes::of_spread(covariance);
+    let largest = squares.max().max(f64::MIN_POSITIVE);
+    let scales = squares.map(|v| 1.0 / (v / largest).max(1e-4).sqrt());
+    let whiten = directions * Matrix3::from_diagonal(&scales) * directions.transpose();
     let even = fibonacci_sphere(points.len());
     let mixed = MIXED.min(0.25 * f64::from(even_spacing(points.len())));
     let place = |(p, even): (&[f32; 3], &[f32; 3])| {

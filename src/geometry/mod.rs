@@ -1,6 +1,7 @@
 //! Points, grids and meshes: everything that has no gradient.
 
 mod attribute;
+mod axes;
 mod bounds;
 mod cloud;
 mod even;
@@ -18,6 +19,7 @@ pub(crate) mod vec3;
 
 pub use attribute::{Attribute, Number};
 pub(crate) use attribute::{COLOUR, colours};
+pub(crate) use axes::{PrincipalAxes, mean_point, spread};
 pub use bounds::{Bounds, Normalizer};
 pub use cloud::{CleanCloud, clean_cloud, distinct_places};
 pub(crate) use even::{evened, surface_spacing};

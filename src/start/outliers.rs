@@ -1,7 +1,7 @@
 //! Points that belong to no surface: strays far from all others, and far off the surface that those suggest.
 
-use crate::geometry::{KdTree, Normalizer, Position};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes};
+use nalgebra::Vector3;
 
 /// A point's *reach* is the mean distance to so many of its nearest points.
 const REACHED: usize = 4;
@@ -134,11 +134,8 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
 
 /// How far a point is off the plane through others that fits these best.
 fn off_plane(x: Vector3<f64>, others: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
-    let count = others.clone().count() as f64;
-    let mean = others.clone().sum::<Vector3<f64>>() / count;
-    let covariance = others.fold(Matrix3::zeros(), |sum, p| sum + (p - mean) * (p - mean).transpose());
-    let axes = SymmetricEigen::new(covariance);
-    axes.eigenvectors.column(axes.eigenvalues.imin()).dot(&(x - mean)).abs()
+    let (mean, axes) = PrincipalAxes::of_points(others);
+    axes.normal().dot(&(x - mean)).abs()
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! What kind of sampling points are: of a surface, of curves, of a volume, of parts far apart.
 
 use crate::geometry::vec3::{dot, sub};
-use crate::geometry::{KdTree, Normalizer, Position};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes};
+use nalgebra::Vector3;
 
 /// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
@@ -79,7 +79,9 @@ impl Sampling {
             values[values.len() / 2]
         };
         let extents = |count: usize| -> Vec<[f64; 3]> {
-            near.chunks_exact(k).map(|row| extents(row[..(count + 1).min(k)].iter().map(at))).collect()
+            let of =
+                |row: &[u32]| PrincipalAxes::of_points(row[..(count + 1).min(k)].iter().map(at)).1.extents();
+            near.chunks_exact(k).map(of).collect()
         };
         let share = |extents: &[[f64; 3]], axis: usize| {
             median(extents.iter().map(|e| e[axis] / e[0].max(f64::MIN_POSITIVE)).collect())
@@ -140,16 +142,6 @@ fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven> {
     let (axis, ratio) = slices?;
     anisotropy[axis] = 1.0 / UNEVEN;
     Some(Uneven { ratio, anisotropy })
-}
-
-/// The extents of points along their principal axes, largest first (roots of the variances).
-fn extents(points: impl Iterator<Item = Vector3<f64>> + Clone) -> [f64; 3] {
-    let count = points.clone().count() as f64;
-    let mean = points.clone().sum::<Vector3<f64>>() / count;
-    let covariance = points.fold(Matrix3::zeros(), |sum, p| sum + (p - mean) * (p - mean).transpose());
-    let mut values = SymmetricEigen::new(covariance).eigenvalues.map(|v| v.max(0.0).sqrt());
-    values.as_mut_slice().sort_by(|a, b| b.total_cmp(a));
-    [values[0], values[1], values[2]]
 }
 
 /// The sizes of the large parts that lie apart by more than a distance, largest first.
