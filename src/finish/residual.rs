@@ -4,7 +4,7 @@
 //! place and normal, which is taken off. Between points, and where nothing was off, the field stays as it is.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{KdTree, spacing};
+use crate::geometry::{KdTree, median, spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
@@ -50,9 +50,7 @@ impl Residual {
     /// # Errors
     /// [`ErrorKind::Data`] if the points all lie in one place, or all are given up.
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], values: &[f32]) -> Result<Self, Error> {
-        let mut spacing = spacing(points);
-        let middle = spacing.len() / 2;
-        let unit = *spacing.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let unit = median(spacing(points));
         let kept: Vec<usize> =
             (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= MAX_RESIDUAL * unit).collect();
         let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);

@@ -10,6 +10,7 @@ mod figures;
 mod grid;
 mod mesh;
 mod position;
+mod ranks;
 mod search;
 mod shapes;
 mod spacing;
@@ -33,6 +34,7 @@ pub(crate) use grid::{CellSizes, MARGIN, WORKING_CUBE, along, crossing_share, ex
 pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
 pub(crate) use mesh::{connected, cumulative_areas};
 pub use position::{Position, about, are_f32, widened};
+pub(crate) use ranks::{median, quantile, ranked};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
 pub use shapes::Shape;

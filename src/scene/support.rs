@@ -2,7 +2,7 @@
 
 use crate::error::Error;
 use crate::geometry::vec3::distance;
-use crate::geometry::{KdTree, Normalizer, Position, surface_spacing};
+use crate::geometry::{KdTree, Normalizer, Position, quantile, surface_spacing};
 use rayon::prelude::*;
 
 /// Nearest points over whose spacings the mean is taken, so that the spacing does not jump from place to place.
@@ -87,9 +87,7 @@ fn spacings(points: &[[f32; 3]]) -> Vec<f64> {
 
 /// Spacings no larger than 1.5 times that which nine tenths of the points stay below.
 fn capped(mut spacing: Vec<f64>) -> Vec<f64> {
-    let mut sorted = spacing.clone();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let most = MAX_EXCESS * sorted[(DENSER_SHARE * (sorted.len() - 1) as f64).ceil() as usize];
+    let most = MAX_EXCESS * quantile(spacing.clone(), DENSER_SHARE);
     spacing.iter_mut().for_each(|s| *s = s.min(most));
     spacing
 }

@@ -12,7 +12,7 @@
 //! expects the same area of every point. With W = diag(a_j) the system is that of A W A^T, and mu = W A^T xi.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{KdTree, farthest_point_sample, spacing};
+use crate::geometry::{KdTree, farthest_point_sample, median, spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
@@ -89,9 +89,7 @@ impl GaussField {
     pub fn at_points(&self) -> f32 {
         let points: Vec<[f32; 3]> =
             (0..self.sources[0].len()).map(|j| [0, 1, 2].map(|c| self.sources[c][j])).collect();
-        let mut values = self.value(&points);
-        values.sort_by(f32::total_cmp);
-        self.level - values[values.len() / 2]
+        self.level - median(self.value(&points))
     }
 
     fn fit_thinned(

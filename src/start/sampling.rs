@@ -1,7 +1,7 @@
 //! What kind of sampling points are: of a surface, of curves, of a volume, of parts far apart.
 
 use crate::geometry::vec3::{dot, sub};
-use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes};
+use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, median};
 use nalgebra::Vector3;
 
 /// The fewest points that are judged.
@@ -74,10 +74,6 @@ impl Sampling {
         let tree = KdTree::new(&unit);
         let near = tree.k_nearest(&unit, k);
         let at = |&i: &u32| Vector3::from(unit[i as usize].map(f64::from));
-        let median = |mut values: Vec<f64>| {
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
         let extents = |count: usize| -> Vec<[f64; 3]> {
             let of =
                 |row: &[u32]| PrincipalAxes::of_points(row[..(count + 1).min(k)].iter().map(at)).1.extents();
@@ -109,10 +105,6 @@ impl Sampling {
 /// Whether points (n x 3), each with its `k` nearest in a row of `near` (itself first), lie in slices or on lines that
 /// are far apart.
 fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven> {
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
     let ways: Vec<([f64; 3], f64)> = near
         .chunks_exact(k)
         .map(|row| {
