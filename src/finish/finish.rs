@@ -1,9 +1,9 @@
 //! Corrections to a trained field so that it goes through the points.
 //!
-//! After the training the field misses the points by some hundredths of their spacing. Two corrections follow, neither
-//! of them in the paper: the field's values at the points are interpolated and subtracted ([`Residual`]), without those
-//! of points that are too far from its surface, and the surface of least bending is blended in where it can be trusted
-//! ([`PlateBlend`]).
+//! After the training the field misses the points by some hundredths of their neighbour spacing. Two corrections
+//! follow, neither of them in the paper: the field's values at the points are interpolated and subtracted
+//! ([`Residual`]), without those of points that are too far from its surface, and the surface of least bending is
+//! blended in where it can be trusted ([`PlateBlend`]).
 
 use super::blend::PlateBlend;
 use super::residual::Residual;
@@ -37,7 +37,7 @@ impl Finish {
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if n is not in [`FINISHED_POINTS`], the points all lie in one place, a value is not finite,
-    /// or none is within half a spacing of 0.
+    /// or none is within half a median spacing of 0.
     ///
     /// # Panics
     /// If there is not one value and one gradient a point.
@@ -113,7 +113,7 @@ mod tests {
     use super::*;
     use crate::geometry::Shape;
 
-    /// A field that is the distance to a shape, less a slow wave of a sixth of the spacing of 300 points.
+    /// A field that is the distance to a shape, less a slow wave of a sixth of the distance between 300 points.
     fn wavy(shape: Shape, x: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
         let value = |x: [f32; 3]| shape.sdf(x) + 0.012 * (6.0 * x[0] + 4.0 * x[2]).sin();
         let slope = |x: &[f32; 3]| {

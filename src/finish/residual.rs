@@ -4,12 +4,13 @@
 //! place and normal, which is taken off. Between points, and where nothing was off, the field stays as it is.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{KdTree, median, spacing};
+use crate::geometry::{KdTree, median, neighbour_spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
 
-/// Distance in space at which two residuals have nothing in common, in median spacings of the points.
+/// Distance in space at which two residuals have nothing in common, in median spacings of the points: medians of the
+/// neighbour spacing.
 const REACH: f64 = 6.0;
 /// The distance between unit normals (from 0 to 2) that counts as much as the whole reach in space: the two sides of a
 /// sheet have hardly anything in common.
@@ -50,12 +51,12 @@ impl Residual {
     /// # Errors
     /// [`ErrorKind::Data`] if the points all lie in one place, or all are given up.
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], values: &[f32]) -> Result<Self, Error> {
-        let unit = median(spacing(points));
+        let unit = median(neighbour_spacing(points));
         let kept: Vec<usize> =
             (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= MAX_RESIDUAL * unit).collect();
         let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);
         let undetermined = || {
-            let text = "all points lie in one place, or the field is off by more than half a spacing at each of them";
+            let text = "all points lie in one place, or the field is off by more than half a median spacing at each of them";
             Error::new(ErrorKind::Data, text)
         };
         if !reach.is_finite() || kept.is_empty() {
@@ -220,7 +221,7 @@ mod tests {
         let (points, normals) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(90, 3);
         let values: Vec<f32> = points.iter().map(|p| 0.01 * (9.0 * p[0]).sin()).collect();
         let residual = Residual::fit(&points, &normals, &values).unwrap();
-        let mut spacing = spacing(&points);
+        let mut spacing = neighbour_spacing(&points);
         spacing.sort_by(f64::total_cmp);
         let unit = spacing[45];
         let apart = |(a, n): (&[f32; 3], &[f32; 3]), (b, m): (&[f32; 3], &[f32; 3])| {

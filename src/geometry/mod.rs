@@ -38,6 +38,6 @@ pub(crate) use ranks::{median, quantile, ranked};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
 pub use shapes::Shape;
-pub(crate) use spacing::{mean_distances, spacing};
+pub(crate) use spacing::{nearest_distances, neighbour_spacing};
 pub use sphere::fibonacci_sphere;
 pub use thin::thin_cloud;

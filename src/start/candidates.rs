@@ -5,7 +5,7 @@ use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::dot;
 use crate::geometry::{
     CellSizes, NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, WORKING_CUBE, extract, extract_graded,
-    nearest_points, sample_surface, spacing,
+    nearest_points, neighbour_spacing, sample_surface,
 };
 use rayon::prelude::*;
 
@@ -87,7 +87,7 @@ pub fn gauss_shape(
 }
 
 /// The shapes that [`gauss_shape`] finds among `points` (n x 3, working frame) with several `radii` of the
-/// dipoles (in local spacings of the points), in their order, without those that it fails for.
+/// dipoles (in neighbour spacings of the points), in their order, without those that it fails for.
 ///
 /// No radius suits every cloud. A small one keeps sheets apart that lie close together, a large one closes what sparse
 /// points leave open.
@@ -157,7 +157,8 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
     Ok(MISFIT_OF_POINTS * to_surface + to_points)
 }
 
-/// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the rough surface.
+/// Distances to the nearest point, in its neighbour spacing, between which the thin plate hands over to the rough
+/// surface.
 const TRUST: Ramp = Ramp { from: 0.7, to: 1.2 };
 /// The same for clouds of many points, where the plate is nearer to the truth beyond the rims of open surfaces, too.
 /// Between the few points of thin sheets it is not (`benches/accuracy.md`).
@@ -206,7 +207,7 @@ pub fn plate_shapes(
     };
     let guesses: Vec<Vec<[f32; 3]>> = trees.iter().map(guess).collect();
     let plates = LeastBending::fit_each(points, &guesses)?;
-    let spacing = spacing(points);
+    let spacing = neighbour_spacing(points);
     let many = points.len() >= MANY_POINTS;
     let trust = if many { TRUST_OF_MANY } else { TRUST };
     let cells_between = if many { CELLS_BETWEEN_MANY } else { CELLS_BETWEEN };
@@ -367,7 +368,7 @@ mod tests {
         for (plate, rough) in plates.iter().zip(&rough) {
             let tree = TriangleBvh::new(rough).unwrap();
             let (_, dist_sq) = nearest_points(&plate.verts, &dome);
-            let spacing = spacing(&dome).into_iter().fold(0.0, f64::max) as f32;
+            let spacing = neighbour_spacing(&dome).into_iter().fold(0.0, f64::max) as f32;
             let (mut near, mut far) = (0, 0);
             for (v, d) in plate.verts.iter().zip(&dist_sq) {
                 // The sphere, where the points are; the rough surface, to a cube, where none is.

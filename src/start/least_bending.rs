@@ -58,7 +58,7 @@ impl LeastBending {
     }
 
     /// Values at `x` (m x 3), whose nearest points are `nearest` (m): negative inside, near the points about the signed
-    /// distance; NaN where no plate reaches, which is beyond some spacings of the points only.
+    /// distance; NaN where no plate reaches, which is beyond some neighbour spacings of the points only.
     pub fn value(&self, x: &[[f32; 3]], nearest: &[u32]) -> Vec<f32> {
         match self {
             Self::Whole(plate) => plate.value(x),

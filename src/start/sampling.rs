@@ -115,7 +115,8 @@ fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven> {
         .collect();
     let along = median(ways.iter().map(|(_, len)| *len).collect());
     let cosines = [0, 1, 2].map(|a| median(ways.iter().map(|(way, _)| way[a]).collect()));
-    // The median gap between levels of an axis, if gaps that no spacing explains make up most of its length.
+    // The median gap between levels of an axis, if gaps more than twice as wide as neighbours are apart make up most of
+    // its length.
     let gap = |axis: usize| {
         let mut levels: Vec<f64> = unit.iter().map(|p| f64::from(p[axis])).collect();
         levels.sort_by(f64::total_cmp);

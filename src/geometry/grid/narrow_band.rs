@@ -99,8 +99,8 @@ pub fn active_set(
 /// Where the field is zero on each of e edges (e x 2, indices into v positions and values), by linear interpolation.
 ///
 /// The share of the way along the edge is kept in [1e-4, 1 - 1e-4], so that crossings of different edges at one vertex
-/// stay apart and no triangle collapses, as long as coordinates are small enough against the spacing for `f32` to tell
-/// them apart.
+/// stay apart and no triangle collapses, as long as coordinates are small enough against the grid's spacing for `f32`
+/// to tell them apart.
 ///
 /// # Panics
 ///
