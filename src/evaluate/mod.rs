@@ -37,13 +37,15 @@ mod compare;
 mod metrics;
 mod points;
 mod protocol;
+mod sides;
 mod table;
 mod text_table;
 
 pub use column::Column;
-pub use compare::{Frame, GroundTruth, Options, Report, evaluate, evaluate_with_scan};
+pub use compare::{Options, Report, evaluate, evaluate_with_scan};
 pub use metrics::{Directed, FScore, Metrics, Samples, compare_samples, compare_surfaces};
 pub use points::{PointsReport, evaluate_points};
 pub use protocol::Protocol;
+pub use sides::{Frame, GroundTruth};
 pub use table::{Table, percentile};
 pub use text_table::{Cell, TextTable};

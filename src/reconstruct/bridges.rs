@@ -6,7 +6,7 @@
 //! working frame. Where a part is that near to the largest, or to one joined to it, points of the straight line between
 //! the two are asked to be inside from then on. Not in the paper.
 
-use super::result::zero_level_set;
+use super::final_shape::zero_level_set;
 use crate::error::{Error, ErrorKind};
 use crate::field::Field;
 use crate::geometry::{TriangleMesh, nearest_points, neighbour_spacing};

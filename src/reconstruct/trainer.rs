@@ -2,8 +2,8 @@
 
 use super::band::ActiveBand;
 use super::coded::{self, Coded};
+use super::final_shape::{FinalShape, FoundShape};
 use super::phases::{StepReport, Stop, Workspace, pretrain, start, train};
-use super::result::{FinalShape, FoundShape};
 use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
 use super::{Config, Hints, Phase, Reconstruction};
