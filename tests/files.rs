@@ -124,7 +124,8 @@ fn a_resumed_run_needs_no_options_and_refuses_others() {
     };
     run(&mut resume(&[]), 0);
     assert!(first == fs::read(&mesh).unwrap());
-    run(&mut resume(&["--seed", "4", "--set", "field.width=16", "--set", "min_component=0.5"]), 0);
+    run(&mut resume(&["--seed", "4", "--set", "field.width=16", "--set", "finish=none"]), 0);
+    fails(&mut resume(&["--set", "min_component=0.5"]), 3, &["run.checkpoint", "min_component"]);
     fails(&mut resume(&["--seed", "5"]), 3, &["run.checkpoint", "seed"]);
     fails(&mut resume(&["--preset", "fast"]), 3, &["run.checkpoint", "option"]);
     let field = dir.path("a.field");

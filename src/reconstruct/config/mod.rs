@@ -168,8 +168,8 @@ pub struct Config {
     /// Largest Euclidean norm of the gradient of the loss by the field's parameters; a longer one is scaled down to it.
     /// Default `off`, which is `None`.
     pub clip: Option<f64>,
-    /// A part of the mesh whose area is below this share of the largest part's area is dropped; 0 keeps all parts.
-    /// Default 0.01, paper 0.
+    /// A part of the mesh whose area is below this share of the largest part's area is dropped; 0 keeps all parts. With
+    /// `weights.bridge`, gaps to such parts are not bridged in the training either. Default 0.01, paper 0.
     pub min_component: f64,
 }
 
