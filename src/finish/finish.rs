@@ -18,6 +18,9 @@ pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 /// The largest coordinate of a place that the neighbour search takes, working frame.
 const MAX_COORDINATE: f32 = 1e6;
 
+/// What to do about a field that cannot be finished.
+const LEAVE_IT: &str = "leave the field as it is (finish = none)";
+
 /// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
 ///
 /// It depends on the points and on the field's values and gradients there, so only the points are saved; the
@@ -48,10 +51,11 @@ impl Finish {
         if !FINISHED_POINTS.contains(&n) {
             let (least, most) = (FINISHED_POINTS.start(), FINISHED_POINTS.end());
             let text = format!("{n} points, {least} to {most} expected");
-            return Err(Error::new(ErrorKind::Data, text));
+            return Err(Error::new(ErrorKind::Data, text).advise(LEAVE_IT));
         }
         if !values.iter().chain(gradients.as_flattened()).all(|x| x.is_finite()) {
-            return Err(Error::new(ErrorKind::Data, "the field is not finite at the points"));
+            let text = "the field is not finite at the points";
+            return Err(Error::new(ErrorKind::Data, text).advise(LEAVE_IT));
         }
         let normals = directions(gradients);
         Ok(Finish {

@@ -49,18 +49,21 @@ impl Residual {
     /// degree").
     ///
     /// # Errors
-    /// [`ErrorKind::Data`] if the points all lie in one place, or all are given up.
+    /// [`ErrorKind::Data`] if the points all lie in one place, all are given up, or the system cannot be solved.
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], values: &[f32]) -> Result<Self, Error> {
         let unit = median(neighbour_spacing(points));
         let kept: Vec<usize> =
             (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= MAX_RESIDUAL * unit).collect();
         let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);
-        let undetermined = || {
-            let text = "all points lie in one place, or the field is off by more than half a median spacing at each of them";
-            Error::new(ErrorKind::Data, text)
-        };
-        if !reach.is_finite() || kept.is_empty() {
-            return Err(undetermined());
+        if !reach.is_finite() {
+            return Err(Error::new(ErrorKind::Data, "all points lie in one place")
+                .advise("finish a field for the distinct points that it was made from"));
+        }
+        if kept.is_empty() {
+            let text = "the field is off by more than half a median spacing at every point";
+            return Err(Error::new(ErrorKind::Data, text).advise(
+                "train for more steps (stages) or on a finer grid, or leave the field as it is (finish = none)",
+            ));
         }
         let n = kept.len();
         let mut columns: [Vec<f32>; 7] = std::array::from_fn(|c| match c {
@@ -71,7 +74,10 @@ impl Residual {
         let values: Vec<f64> = kept.iter().map(|&i| f64::from(values[i])).collect();
         let places = (n > MAX_WHOLE_POINTS).then(|| places(&columns));
         let weights = match &places {
-            None => whole(&columns, values).ok_or_else(undetermined)?,
+            None => whole(&columns, values).ok_or_else(|| {
+                Error::new(ErrorKind::Data, "what the field is off by at the points cannot be interpolated")
+                    .advise("leave the field as it is (finish = none)")
+            })?,
             Some(places) => sparse(&columns, places, &values),
         };
         columns[6] = weights.into_iter().map(|w| w as f32).collect();
@@ -292,6 +298,10 @@ mod tests {
         let stray = with(points.clone(), normals.clone(), values.clone());
         let near = stray.at(&[[0.45, 0.45, 0.02]], &[[0.0, 0.0, 1.0]])[0];
         assert!((near - at[0]).abs() < 1e-5, "{near} {}", at[0]);
-        assert!(Residual::fit(&points[..1].repeat(5), &normals[..5], &values[..5]).is_err());
+        let one_place = Residual::fit(&points[..1].repeat(5), &normals[..5], &values[..5]).unwrap_err();
+        let far_off = Residual::fit(&points, &normals, &[0.3; 200]).unwrap_err();
+        for (error, text) in [(one_place, "one place"), (far_off, "every point")] {
+            assert!(error.message().contains(text) && error.advice().is_some(), "{error}");
+        }
     }
 }
