@@ -10,8 +10,8 @@ use rayon::prelude::*;
 /// A surface that points fill crosses this many of the 5 x 5 x 5 cells around a point of it (25 if it is flat and
 /// parallel to them); a few lines cross fewer.
 const FILLED: usize = 20;
-/// Points lie on lines where the cells that they fill are larger than this many times their area spacing (1.1 to
-/// 1.7 on surfaces that are sampled at random).
+/// Points lie on lines where the cells that they fill are larger than this many times their area spacing; on
+/// surfaces that are sampled at random they are smaller (`benches/accuracy.md`, constants).
 const LINED: f64 = 2.0;
 /// Lines that are farther apart than this many times the area spacing are no surface.
 const MAX_LINED: f64 = 16.0;

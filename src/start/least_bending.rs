@@ -6,7 +6,8 @@ use super::local_plates::LocalPlates;
 use super::plate::{MAX_CENTRES, System, ThinPlate, directions};
 use crate::error::Error;
 
-/// Points up to which the surface of least bending is worth its time, some milliseconds a point.
+/// Points up to which the surface of least bending is worth its time, which grows with their number
+/// (`benches/method.md`).
 pub(crate) const MAX_PLATE_POINTS: usize = 1 << 18;
 
 /// A function that is 0 at the points of a cloud, has about unit gradient there, and bends little.

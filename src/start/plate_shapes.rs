@@ -33,7 +33,8 @@ const CELLS_BETWEEN_MANY: f64 = 1.5;
 /// and on the same side. One surface for each rough one, in their order, without those that cannot be extracted.
 ///
 /// The surface of one plate is taken from a grid of 64 cubes a side, or a finer one where the rough one has little area
-/// for so many points ([`resolution_for_area`](super::resolution_for_area)); that of several from cells as fine as the points.
+/// for so many points ([`resolution_for_area`](super::resolution_for_area)); that of several from cells as fine as the
+/// points.
 ///
 /// # Errors
 /// As [`LeastBending::fit_each`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:
@@ -121,7 +122,7 @@ mod tests {
     }
 
     /// One half of the torus has four times as many points a square as the other. The genus of the surface between
-    /// points counts the false handles; with the same weight for all dipoles there are about 20 of them.
+    /// points counts the false handles; with the same weight for all dipoles there are many of them.
     #[test]
     fn density_that_jumps_makes_no_handles() {
         let all = Shape::Torus { major: 0.34, minor: 0.14 }.sample(2400, 3).0;

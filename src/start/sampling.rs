@@ -34,7 +34,7 @@ const MAX_FEW_CURVE_EXTENT: f64 = 0.2;
 /// The same of large ones, as curves bend.
 const MAX_MORE_CURVE_EXTENT: f64 = 0.4;
 /// In a volume the median ratio of the third to the first extent of large neighbourhoods is above this. Thin parts of
-/// shapes have up to 0.46.
+/// shapes come near it (`benches/accuracy.md`, constants).
 const MIN_VOLUME_EXTENT: f64 = 0.5;
 /// The fewest points of which curves and volumes are told from surfaces; fewer look like any of them.
 const MIN_POINTS_OF_A_KIND: usize = 100;
