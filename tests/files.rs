@@ -124,7 +124,8 @@ fn a_resumed_run_needs_no_options_and_refuses_others() {
     };
     run(&mut resume(&[]), 0);
     assert!(first == fs::read(&mesh).unwrap());
-    run(&mut resume(&["--seed", "4", "--set", "field.width=16", "--set", "min_component=0.5"]), 0);
+    run(&mut resume(&["--seed", "4", "--set", "field.width=16", "--set", "finish=none"]), 0);
+    fails(&mut resume(&["--set", "min_component=0.5"]), 3, &["run.checkpoint", "min_component"]);
     fails(&mut resume(&["--seed", "5"]), 3, &["run.checkpoint", "seed"]);
     fails(&mut resume(&["--preset", "fast"]), 3, &["run.checkpoint", "option"]);
     let field = dir.path("a.field");
@@ -292,7 +293,7 @@ fn vertices_take_what_the_nearest_point_that_was_kept_has() {
         let near = (0..120).min_by(|&i, &j| far(&points[i]).total_cmp(&far(&points[j]))).unwrap();
         let values: Vec<f64> = got.attributes[1..].iter().map(|a| a.values[v]).collect();
         assert_eq!(values, [1000 + near, near, near * 3 % 256, 7].map(|x| x as f64), "vertex {v}");
-        // The spacing of 120 points on this sphere is about 0.16.
+        // The surface spacing of 120 points on this sphere is about 0.16.
         let support = got.attributes[0].values[v];
         let distance = far(&points[near]).sqrt();
         assert!((0.08 * support..=0.4 * support).contains(&distance), "{support} at {distance}");

@@ -8,8 +8,9 @@
 use super::BspConfig;
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::geometry::vec3::{dot, sub};
+use crate::geometry::{PrincipalAxes, spread};
 use crate::tensor::Tensor;
-use nalgebra::{Matrix3, Matrix5, SymmetricEigen, Vector3, Vector5};
+use nalgebra::{Matrix5, Vector3, Vector5};
 use std::sync::Arc;
 
 /// The number of neighbours that a chart is fitted to.
@@ -100,11 +101,9 @@ pub(super) fn chart(
     let mean = steps.iter().map(Vector3::norm).sum::<f64>() / steps.len().max(1) as f64;
     let unit = if mean > 0.0 { mean } else { 1.0 };
     let weight = |step: &Vector3<f64>| (-0.5 * (step / unit).norm_squared()).exp();
-    let normal = normal.and_then(|n| wide(n).try_normalize(1e-9)).unwrap_or_else(|| {
-        let spread = steps.iter().fold(Matrix3::zeros(), |sum, d| sum + d * d.transpose() * weight(d));
-        let eigen = SymmetricEigen::new(spread);
-        eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned()
-    });
+    let normal = normal
+        .and_then(|n| wide(n).try_normalize(1e-9))
+        .unwrap_or_else(|| PrincipalAxes::of_spread(spread(steps.iter().map(|d| (*d, weight(d))))).normal());
     let (t1, t2) = span(normal);
     let (mut e1, mut e2) = span(centre);
 

@@ -6,7 +6,7 @@
 
 use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::distance_sq;
-use crate::geometry::{KdTree, distinct_places, mean_distances, nearest_points, usable};
+use crate::geometry::{KdTree, distinct_places, nearest_distances, nearest_points, usable};
 use rayon::prelude::*;
 
 /// Points of S that are equal when rounded to multiples of this, in the working frame, are one place.
@@ -207,12 +207,12 @@ fn near_pairs(points: &[[f32; 3]], surface: &[[f32; 3]], codes: &[[f32; 3]]) -> 
         return [0; 2];
     }
     let patch = surface.len() / n;
-    let spacing = mean_distances(points, 1);
+    let nearest = nearest_distances(points);
     let far_sq = (2.0 * FAR_RADII / (n as f64).sqrt()).powi(2);
     let tree = KdTree::new(surface);
     let step = surface.len().div_ceil(MAX_LOOKED_AT);
     let of = |i: usize| {
-        let near = tree.within(surface[i], spacing[i / patch] as f32).into_iter().map(|(j, _)| j as usize);
+        let near = tree.within(surface[i], nearest[i / patch] as f32).into_iter().map(|(j, _)| j as usize);
         let near: Vec<usize> = near.filter(|&j| j != i).collect();
         let folded = near.iter().filter(|&&j| distance_sq(codes[i], codes[j]) > far_sq).count();
         [near.len(), folded]
@@ -272,8 +272,8 @@ mod tests {
             for a in 0..i {
                 let of = a / (i / n);
                 let others = (0..n).filter(|&b| b != of).map(|b| d(p.points[of], p.points[b]));
-                let spacing = others.fold(f64::INFINITY, f64::min);
-                for b in (0..i).filter(|&b| b != a && n > 1 && d(p.surface[a], p.surface[b]) <= spacing) {
+                let nearest = others.fold(f64::INFINITY, f64::min);
+                for b in (0..i).filter(|&b| b != a && n > 1 && d(p.surface[a], p.surface[b]) <= nearest) {
                     near += 1;
                     folded += usize::from(d(codes.patches[a], codes.patches[b]) > 10.0 / (n as f64).sqrt());
                 }

@@ -2,19 +2,21 @@
 
 use super::{BspConfig, Neighbourhood, chart};
 use crate::autodiff::{Tape, Var};
-use crate::geometry::mean_distances;
+use crate::geometry::nearest_distances;
 use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
 use crate::random::Random;
 
-/// How far an output of 1 moves a point of S from its chart, in mean spacings of the cloud.
+/// How far an output of 1 moves a point of S from its chart, in mean nearest distances of the cloud: means
+/// over the points of the distance to the nearest other one.
 const CHART_OFFSET: f32 = 0.1;
 
 /// s = Psi(phi(features), p): a decoder block whose queries are embedded codes and whose memory is the features of
 /// all points (equation 2 of the paper), then a perceptron to space.
 ///
 /// With `average_positions`, s is the average of the attended points' positions under the attention's own weights,
-/// plus the perceptron's output times the mean spacing of the cloud: the surface starts among the points instead of
-/// anywhere. With charts, s is the place of p in the chart of its patch's centre, plus a tenth of that offset.
+/// plus the perceptron's output times the mean nearest distance of the cloud: the surface starts among the points
+/// instead of anywhere. With charts, s is the place of p in the chart of its patch's centre, plus a tenth of that
+/// offset.
 ///
 /// Shapes: features c x channels, points c x 3, patches (b M) x 3 to (b M) x 3. Parameters: `query` and `memory` (to c
 /// and c channels), `block` (the decoder block), `out` (c to c to c to 3). The frequencies of the code embedding are
@@ -28,7 +30,8 @@ pub struct Inverse {
     out: Mlp,
     patch: usize,
     average_positions: bool,
-    spacing: f32,
+    /// The mean distance from a point of the cloud to its nearest other one, working frame.
+    mean_nearest: f32,
 }
 
 impl Inverse {
@@ -49,7 +52,7 @@ impl Inverse {
             out: Mlp::new(&mut scope.scope("out"), &[c, c, c, 3], Activation::Relu, rng),
             patch: config.patch,
             average_positions: config.average_positions,
-            spacing: mean_spacing(points),
+            mean_nearest: mean_nearest(points),
         }
     }
 
@@ -85,14 +88,14 @@ impl Inverse {
         if let Some(charts) = block.charts() {
             let x = self.block.forward(tape, p, queries, &Reach::All, memory, &reach);
             let offset = self.out.forward(tape, p, x);
-            let offset = tape.scale(offset, CHART_OFFSET * self.spacing);
+            let offset = tape.scale(offset, CHART_OFFSET * self.mean_nearest);
             let place = chart::place(tape, patches, charts, self.patch);
             tape.add(place, offset)
         } else if self.average_positions {
             let (x, weights) = self.block.forward_weighted(tape, p, queries, &Reach::All, memory, &reach);
             let offset = self.out.forward(tape, p, x);
             let average = self.block.cross().average(tape, weights, points, &reach);
-            let offset = tape.scale(offset, self.spacing);
+            let offset = tape.scale(offset, self.mean_nearest);
             tape.add(average, offset)
         } else {
             let x = self.block.forward(tape, p, queries, &Reach::All, memory, &reach);
@@ -102,11 +105,11 @@ impl Inverse {
 }
 
 /// The mean distance from a point to its nearest other point; 0 for a single one.
-fn mean_spacing(points: &[[f32; 3]]) -> f32 {
+fn mean_nearest(points: &[[f32; 3]]) -> f32 {
     if points.len() < 2 {
         return 0.0;
     }
-    (mean_distances(points, 1).iter().sum::<f64>() / points.len() as f64) as f32
+    (nearest_distances(points).iter().sum::<f64>() / points.len() as f64) as f32
 }
 
 #[cfg(test)]
@@ -133,7 +136,7 @@ mod tests {
         for (i, s) in tape.value(s).to_points().iter().enumerate() {
             let centre = points[i / 3];
             let distance = (0..3).map(|d| (s[d] - centre[d]).powi(2)).sum::<f32>().sqrt();
-            assert!(distance < 4.0 * psi.spacing, "{distance}");
+            assert!(distance < 4.0 * psi.mean_nearest, "{distance}");
         }
     }
 }

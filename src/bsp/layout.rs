@@ -4,8 +4,8 @@
 //! what the head's output is added to ([`Canonical`](super::Canonical)).
 
 use crate::geometry::vec3::{dot, sub};
-use crate::geometry::{KdTree, fibonacci_sphere};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use crate::geometry::{KdTree, PrincipalAxes, fibonacci_sphere, mean_point};
+use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
 
 /// The number of relaxation rounds.
@@ -14,24 +14,25 @@ const ROUNDS: usize = 160;
 const EVEN_SHARE: f32 = 0.3;
 /// The number of nearest codes that push a code away.
 const PUSHING: usize = 24;
-/// The distance at which a push has fallen to 0, in spacings of a hexagonal layout.
+/// The distance at which a push has fallen to 0, in hexagonal spacings: the distances between neighbours of a layout in
+/// hexagons.
 const RANGE: f32 = 1.6;
-/// The length of a push from a code at distance 0, in the same spacings.
+/// The length of a push from a code at distance 0, in hexagonal spacings.
 const PUSH: f32 = 0.35;
 /// The share of the way to the mean of its neighbours that a code goes in the first round.
 const DRAW: f32 = 0.4;
 /// How much of a Fibonacci layout is mixed in, so that points of a plane or a line do not stay on a circle; at most a
-/// quarter of a spacing.
+/// quarter of a hexagonal spacing.
 const MIXED: f64 = 0.05;
 
 /// How far the head of Phi moves codes for an output of 1: half of what lies between even codes, and not farther than
 /// the radius `cap` of a patch.
 pub(super) fn code_step(n: usize, cap: f32) -> f32 {
-    (0.5 * even_spacing(n)).min(cap)
+    (0.5 * hexagonal_spacing(n)).min(cap)
 }
 
 /// The distance between neighbours where n codes lie on the unit sphere in hexagons.
-pub(super) fn even_spacing(n: usize) -> f32 {
+pub(super) fn hexagonal_spacing(n: usize) -> f32 {
     (8.0 * std::f32::consts::PI / (3f32.sqrt() * n.max(1) as f32)).sqrt()
 }
 
@@ -56,7 +57,7 @@ pub(super) fn spherical_layout(points: &[[f32; 3]], neighbours: &[u32]) -> Vec<[
         return codes;
     }
     let k = (neighbours.len() / n).max(1);
-    let spacing = even_spacing(n);
+    let spacing = hexagonal_spacing(n);
     for round in 0..ROUNDS {
         let done = round as f32 / ROUNDS as f32;
         let draw = DRAW * (1.0 - done / (1.0 - EVEN_SHARE)).max(0.0);
@@ -89,17 +90,18 @@ pub(super) fn spherical_layout(points: &[[f32; 3]], neighbours: &[u32]) -> Vec<[
 fn projected(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let wide = |p: &[f32; 3]| Vector3::from(p.map(f64::from));
     let count = points.len().max(1) as f64;
-    let mean = points.iter().map(wide).sum::<Vector3<f64>>() / count;
+    let mean = mean_point(points.iter().map(wide));
+    // Divided term by term: another order of roundings would lay the codes out in other bits.
     let covariance = points.iter().fold(Matrix3::zeros(), |sum, p| {
         let d = wide(p) - mean;
         sum + d * d.transpose() / count
     });
-    let eigen = SymmetricEigen::new(covariance);
-    let largest = eigen.eigenvalues.max().max(f64::MIN_POSITIVE);
-    let scales = eigen.eigenvalues.map(|v| 1.0 / (v / largest).max(1e-4).sqrt());
-    let whiten = eigen.eigenvectors * Matrix3::from_diagonal(&scales) * eigen.eigenvectors.transpose();
+    let PrincipalAxes { directions, squares } = PrincipalAxes::of_spread(covariance);
+    let largest = squares.max().max(f64::MIN_POSITIVE);
+    let scales = squares.map(|v| 1.0 / (v / largest).max(1e-4).sqrt());
+    let whiten = directions * Matrix3::from_diagonal(&scales) * directions.transpose();
     let even = fibonacci_sphere(points.len());
-    let mixed = MIXED.min(0.25 * f64::from(even_spacing(points.len())));
+    let mixed = MIXED.min(0.25 * f64::from(hexagonal_spacing(points.len())));
     let place = |(p, even): (&[f32; 3], &[f32; 3])| {
         let d = whiten * (wide(p) - mean);
         let d = d.try_normalize(1e-12).unwrap_or_else(Vector3::zeros) + mixed * wide(even);
@@ -128,12 +130,12 @@ mod tests {
         (spherical_layout(points, &neighbours), neighbours)
     }
 
-    /// The mean distance from a code to its nearest other one, in even spacings, and the least.
+    /// The mean distance from a code to its nearest other one, in hexagonal spacings, and the least.
     fn gaps(codes: &[[f32; 3]]) -> (f32, f32) {
         let near = KdTree::new(codes).k_nearest(codes, 2);
         let gap = |(i, pair): (usize, &[u32])| {
             let j = if pair[0] as usize == i { pair[1] } else { pair[0] } as usize;
-            length(std::array::from_fn(|d| codes[i][d] - codes[j][d])) / even_spacing(codes.len())
+            length(std::array::from_fn(|d| codes[i][d] - codes[j][d])) / hexagonal_spacing(codes.len())
         };
         let gaps: Vec<f32> = near.chunks_exact(2).enumerate().map(gap).collect();
         (gaps.iter().sum::<f32>() / gaps.len() as f32, gaps.iter().copied().fold(f32::MAX, f32::min))
@@ -173,7 +175,7 @@ mod tests {
         for (name, cloud) in clouds().into_iter().filter(|(name, _)| ["torus", "plane"].contains(name)) {
             let (codes, neighbours) = laid_out(&cloud, 8);
             let apart = |i: usize, j: usize| -> f32 {
-                length(std::array::from_fn(|d| codes[i][d] - codes[j][d])) / even_spacing(codes.len())
+                length(std::array::from_fn(|d| codes[i][d] - codes[j][d])) / hexagonal_spacing(codes.len())
             };
             let pairs: Vec<f32> = neighbours
                 .chunks_exact(8)

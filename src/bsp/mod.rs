@@ -60,8 +60,9 @@ pub struct BspConfig {
     /// `paper` has 1 (`benches/paper.md`).
     pub slack: f32,
     /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
-    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the spacing around p. It
-    /// keeps S from bridging sheets that lie close together. 0 is the distance in space, as in the paper. Default 1.5.
+    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the distance from p to
+    /// its sixth nearest point. It keeps S from bridging sheets that lie close together. 0 is the distance in space, as
+    /// in the paper. Default 1.5.
     pub normal_weight: f32,
 }
 

@@ -3,16 +3,16 @@
 use crate::geometry::KdTree;
 use crate::geometry::vec3::dist_sq;
 
-/// The neighbour whose distance counts as the local spacing.
-const SPACING_NEIGHBOUR: usize = 6;
+/// The neighbour whose distance is the unit that a turn of the normal is counted in.
+const UNIT_NEIGHBOUR: usize = 6;
 /// Points in space that the nearest ones on the sheet are chosen from, as a multiple of those asked for.
 const CANDIDATES: usize = 4;
 
 /// Finds the nearest of some points, counting a turn of the normal as a distance.
 ///
 /// The distance from p to q is sqrt(|p - q|^2 + (t s)^2 |n_p - n_q|^2), with s the distance from p to its sixth
-/// neighbour and t the weight of the turn: with t = 1.5, the other side of a thin plate is three spacings away. Without
-/// normals, or with t = 0, it is the distance in space.
+/// neighbour and t the weight of the turn: with t = 1.5, the other side of a thin plate is three such distances away.
+/// Without normals, or with t = 0, it is the distance in space.
 pub(super) struct SheetFinder<'a> {
     points: &'a [[f32; 3]],
     normals: Option<&'a [[f32; 3]]>,
@@ -44,14 +44,14 @@ impl<'a> SheetFinder<'a> {
             return self.tree.k_nearest(&places, k);
         };
         let n = self.points.len();
-        let around = (CANDIDATES * k).max(SPACING_NEIGHBOUR + 1).min(n);
+        let around = (CANDIDATES * k).max(UNIT_NEIGHBOUR + 1).min(n);
         let near = self.tree.k_nearest(&places, around);
         let mut out = Vec::with_capacity(queries.len() * k);
         let mut ranked: Vec<(f32, u32)> = Vec::with_capacity(around);
         for (&query, near) in queries.iter().zip(near.chunks_exact(around)) {
             let (p, m) = (self.points[query as usize], normals[query as usize]);
-            let spacing_sq = dist_sq(p, self.points[near[SPACING_NEIGHBOUR.min(around - 1)] as usize]);
-            let weight = self.turn * self.turn * spacing_sq;
+            let unit_sq = dist_sq(p, self.points[near[UNIT_NEIGHBOUR.min(around - 1)] as usize]);
+            let weight = self.turn * self.turn * unit_sq;
             ranked.clear();
             ranked.extend(near.iter().map(|&i| {
                 let (q, l) = (self.points[i as usize], normals[i as usize]);
@@ -72,7 +72,7 @@ mod tests {
 
     #[test]
     fn stays_on_its_side_of_a_thin_plate() {
-        // Two grids of spacing 0.1, 0.03 apart, facing away from each other.
+        // Two grids of points 0.1 apart, 0.03 from each other, facing away from each other.
         let side = |z: f32| (0..64).map(move |i| [0.1 * (i % 8) as f32, 0.1 * (i / 8) as f32, z]);
         let points: Vec<[f32; 3]> = side(0.0).chain(side(0.03)).collect();
         let normals: Vec<[f32; 3]> = (0..128).map(|i| [0.0, 0.0, if i < 64 { -1.0 } else { 1.0 }]).collect();
@@ -101,10 +101,10 @@ mod tests {
                 let p = points[i as usize];
                 let mut space: Vec<(f32, u32)> = (0..n as u32).map(|j| (dist_sq(p, points[j as usize]), j)).collect();
                 space.sort_by(|a, b| a.partial_cmp(b).unwrap());
-                let spacing = space[6.min(n - 1)].0;
+                let unit_sq = space[6.min(n - 1)].0;
                 let mut all: Vec<(f32, u32)> = space[..(4 * k).max(7).min(n)]
                     .iter()
-                    .map(|&(d, j)| (d + turn * turn * spacing * dist_sq(normals[i as usize], normals[j as usize]), j))
+                    .map(|&(d, j)| (d + turn * turn * unit_sq * dist_sq(normals[i as usize], normals[j as usize]), j))
                     .collect();
                 all.sort_by(|a, b| a.partial_cmp(b).unwrap());
                 let want: Vec<u32> = all[..k].iter().map(|a| a.1).collect();

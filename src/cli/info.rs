@@ -112,7 +112,7 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
     let (stray, told) = strays(distinct, Outliers::Keep);
     let doubts: Vec<String> = told.into_iter().chain(cleaned.iter().flat_map(doubts)).collect();
     common.tell(&doubts, &[]);
-    let spacing = spacing(cleaned.as_ref().map_or(points.as_slice(), |c| &c.points));
+    let nearest = nearest_distances(cleaned.as_ref().map_or(points.as_slice(), |c| &c.points));
     if args.json {
         let corner = |c: [f64; 3]| list(c.map(|x| number(Some(x))));
         let json = Object::new()
@@ -122,8 +122,8 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
             .raw("bounds", list([low, high].map(corner)))
             .raw("offset", corner(offset))
             .raw(
-                "spacing",
-                spacing.map_or("null".into(), |[least, middle, most]| {
+                "nearest_distance",
+                nearest.map_or("null".into(), |[least, middle, most]| {
                     Object::new().number("min", least).number("median", middle).number("max", most).finish()
                 }),
             )
@@ -153,8 +153,10 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
         if !stray.is_empty() {
             text += &format!("strays      {}\n", stray.len());
         }
-        if let Some([least, middle, most]) = spacing {
-            text += &format!("spacing     {middle:.4e} median, {least:.4e} least, {most:.4e} most\n");
+        if let Some([least, middle, most]) = nearest {
+            text += &format!(
+                "nearest     {middle:.4e} median, {least:.4e} least, {most:.4e} most (to the nearest other point)\n"
+            );
         }
         if cloud.normals.is_some() {
             text += "normals     one a point\n";
@@ -194,9 +196,9 @@ fn attribute_json(attribute: &Attribute) -> String {
         .finish()
 }
 
-/// Least, median and largest distance to the nearest other point. Not the spacing that `--trim` means, which is that of
-/// an area.
-pub fn spacing<P: Position>(points: &[P]) -> Option<[f64; 3]> {
+/// Least, median and largest distance of a point to the nearest other one. Not the surface spacing that `--trim` cuts
+/// by, which is the side of the square of surface that a point stands for.
+pub fn nearest_distances<P: Position>(points: &[P]) -> Option<[f64; 3]> {
     if points.len() < 2 {
         return None;
     }
@@ -222,11 +224,11 @@ mod tests {
     use super::*;
 
     #[test]
-    fn spacing_of_points_on_a_line() {
+    fn distances_of_points_on_a_line() {
         let points = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [3.0, 0.0, 0.0], [7.0, 0.0, 0.0]];
-        let [least, middle, most] = spacing(&points).unwrap();
+        let [least, middle, most] = nearest_distances(&points).unwrap();
         assert!((least - 1.0).abs() < 1e-5 && (middle - 1.5).abs() < 1e-5 && (most - 4.0).abs() < 1e-5);
-        assert_eq!(spacing(&points[..1]), None);
-        assert_eq!(spacing(&[[1.0; 3]; 3]), None);
+        assert_eq!(nearest_distances(&points[..1]), None);
+        assert_eq!(nearest_distances(&[[1.0; 3]; 3]), None);
     }
 }

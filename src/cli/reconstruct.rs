@@ -297,8 +297,8 @@ fn resumed(path: &Path, args: &ReconstructArgs) -> Result<(Config, &'static str)
     }
     let (config, preset) = args.settings.build()?;
     let mut run = saved.config.clone();
-    // A run may go on with others of these two, see `MAY_CHANGE` in `reconstruct/save/checkpoint.rs`.
-    (run.finish, run.min_component) = (config.finish, config.min_component);
+    // A run may go on with another one, see `MAY_CHANGE` in `reconstruct/save/checkpoint.rs`.
+    run.finish = config.finish;
     if config.clone().for_points(saved.points) == run {
         return Ok((config, preset.name()));
     }

@@ -12,11 +12,12 @@ use super::json::Object;
 /// Options that say which part of a surface is written.
 #[derive(Debug, Args)]
 pub struct TrimArgs {
-    /// Cut away what is farther from the nearest point than FACTOR times the spacing of the points there, fill the
+    /// Cut away what is farther from the nearest point than FACTOR times the surface spacing there (the side of the
+    /// square of surface that each point around stands for, or how far the lines of a scanner are apart), fill the
     /// small holes that this leaves, and drop scraps; the mesh is open then [FACTOR if left out: 1]
     #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = DEFAULT, value_parser = factor)]
     pub trim: Option<f32>,
-    /// Write how far each vertex is from the nearest point, over the spacing of the points there, as the property
+    /// Write how far each vertex is from the nearest point, over the surface spacing there, as the property
     /// `support` of a ply mesh: 0 at a point, about 0.7 between evenly spread points, large where no point is near;
     /// what --trim compares with FACTOR
     #[arg(long)]
@@ -67,7 +68,7 @@ impl TrimArgs {
 }
 
 fn nothing_left(factor: f32) -> Error {
-    let text = format!("no part of the surface is within {factor} spacings of a point");
+    let text = format!("no part of the surface is within {factor} surface spacings of a point");
     Error::new(bijective_sdf::ErrorKind::NoSurface, text).advise("give a larger --trim")
 }
 

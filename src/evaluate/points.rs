@@ -1,6 +1,7 @@
 //! From a ground truth and points to how near to it they are, and how well they cover it.
 
-use super::compare::{GroundTruth, Options, Side, frame_of, moved, naming};
+use super::compare::Options;
+use super::sides::{GroundTruth, Side, frame_of, moved, naming};
 use crate::error::Error;
 use crate::geometry::{PointTree, distinct_places};
 

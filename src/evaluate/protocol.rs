@@ -2,7 +2,8 @@
 
 use super::column::{CD, CD_FROM_SCAN, CD_L1, CD_L2, CD_SQ_SUM, CD_SQ_TO_SCAN, Column, HD, HD_FROM_SCAN};
 use super::column::{NC, NC_NTPS};
-use super::compare::{Frame, Options};
+use super::compare::Options;
+use super::sides::Frame;
 use crate::error::{Error, ErrorKind};
 use std::fmt;
 use std::str::FromStr;

@@ -3,6 +3,7 @@
 use super::column::{Column, FURTHER_COLUMNS, USUAL_COLUMNS};
 use super::compare::Report;
 use super::text_table::{Cell, TextTable};
+use crate::geometry::ranked;
 
 /// A table of numbers: one row a shape, one named column a quantity. A missing value prints as `-`.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -140,11 +141,9 @@ pub fn percentile(values: &[f64], p: f64) -> Option<f64> {
     if values.iter().any(|v| v.is_nan()) {
         return Some(f64::NAN);
     }
-    let mut sorted = values.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let last = sorted.len().checked_sub(1)?;
-    let at = p / 100.0 * last as f64;
-    let (low, high) = (sorted[at.floor() as usize], sorted[at.ceil() as usize]);
+    let mut values = values.to_vec();
+    let at = p / 100.0 * values.len().checked_sub(1)? as f64;
+    let [low, high] = [at.floor(), at.ceil()].map(|rank| ranked(&mut values, rank as usize));
     // Equal neighbours, infinite ones among them, need no interpolation.
     Some(if low == high { low } else { low + (at - at.floor()) * (high - low) })
 }

@@ -8,23 +8,23 @@
 
 use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::dist_sq;
-use crate::geometry::{KdTree, spacing};
+use crate::geometry::{KdTree, neighbour_spacing};
 use crate::start::{LeastBending, Ramp};
 use rayon::prelude::*;
 
-/// Distances to the nearest point, in spacings, between which the plate's weight falls to 0.
+/// Distances to the nearest point, in neighbour spacings, between which the plate's weight falls to 0.
 const NEAR: Ramp = Ramp { from: 0.7, to: 1.2 };
-/// Differences between plate and field, in spacings, between which the plate's weight falls to 0: where they are two
-/// surfaces and not two measurements of one, the field rules.
+/// Differences between plate and field, in neighbour spacings, between which the plate's weight falls to 0: where they
+/// are two surfaces and not two measurements of one, the field rules.
 const AGREE: Ramp = Ramp { from: 0.15, to: 0.35 };
-/// The error of the field (standard deviation, in spacings) that the plate's is weighed against.
+/// The error of the field (standard deviation, in neighbour spacings) that the plate's is weighed against.
 const FIELD_ERROR: f32 = 0.025;
 /// The least slope that a value is divided by to estimate a distance.
 const MIN_SLOPE: f64 = 0.05;
 /// The number of nearest points over which the plate's error at a point is averaged.
 const AVERAGED: usize = 8;
-/// The number of nearest points from which spacing and error at a place are interpolated; the farthest has no weight,
-/// so that both are continuous.
+/// The number of nearest points from which neighbour spacing and error at a place are interpolated; the farthest has no
+/// weight, so that both are continuous.
 const INTERPOLATED: usize = 5;
 
 /// A thin plate through the points of a cloud, to be blended into a field. All in the working frame.
@@ -33,9 +33,9 @@ pub(super) struct PlateBlend {
     /// n x 3.
     points: Vec<[f32; 3]>,
     plate: LeastBending,
-    /// The spacing of the points around each, n.
+    /// The neighbour spacing of each, n.
     spacing: Vec<f32>,
-    /// The plate's mean squared error around each point, in squared spacings, n.
+    /// The plate's mean squared error around each point, in squared neighbour spacings, n.
     doubt: Vec<f32>,
 }
 
@@ -48,7 +48,7 @@ impl PlateBlend {
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Result<Self, Error> {
         let undetermined = || Error::new(ErrorKind::Data, "the points determine no surface of least bending");
         let (plate, found) = LeastBending::fit_with_forecasts(points, normals)?;
-        let spacing: Vec<f32> = spacing(points).into_iter().map(|s| s as f32).collect();
+        let spacing: Vec<f32> = neighbour_spacing(points).into_iter().map(|s| s as f32).collect();
         // f over its slope is the distance to the surface, to first order.
         let missed: Vec<f64> = found.iter().map(|f| f.error / f.slope.max(MIN_SLOPE)).collect();
         if missed.iter().any(|x| !x.is_finite()) || spacing.iter().any(|&s| s <= 0.0) {
@@ -64,10 +64,10 @@ impl PlateBlend {
 
     /// Blends the plate into the `values` (m) of the field, signed distances at `x` (m x 3).
     ///
-    /// The weight of the plate is the product of three: 1 near the points, 0 from 1.2 spacings on; 1 where both agree,
-    /// 0 where they differ by 0.35 spacings; and 0.025^2 / (0.025^2 + e^2), e the root mean square in spacings by which
-    /// the plate through the other points misses each of the points around. The result is continuous where the field
-    /// is.
+    /// The weight of the plate is the product of three: 1 near the points, 0 from 1.2 neighbour spacings on; 1 where
+    /// both agree, 0 where they differ by 0.35 of them; and 0.025^2 / (0.025^2 + e^2), e the root mean square in
+    /// neighbour spacings by which the plate through the other points misses each of the points around. The result is
+    /// continuous where the field is.
     ///
     /// # Panics
     /// If there is not one value a point.
@@ -111,7 +111,7 @@ impl PlateBlend {
     }
 }
 
-/// Spacing of the points at a place, and the plate's weight there before its value is known.
+/// The neighbour spacing at a place, and the plate's weight there before its value is known.
 struct LocalTrust {
     spacing: f32,
     weight: f32,
@@ -143,7 +143,7 @@ mod tests {
     fn a_field_a_little_off_a_smooth_shape_is_corrected() {
         // One plate, and several.
         for n in [200, 600] {
-            // By about a tenth of a spacing.
+            // By about a tenth of a neighbour spacing.
             for f in into(&fitted(n), &sphere(70, RADIUS), 0.01) {
                 assert!(f.abs() < 1e-3, "{f} of {n} points");
             }
@@ -166,7 +166,7 @@ mod tests {
     fn another_surface_and_what_is_far_are_left_alone() {
         let blend = fitted(200);
         let spacing = blend.spacing.iter().copied().fold(0.0, f32::max);
-        // Half a spacing away, the plate is another surface than that of the field.
+        // Half a neighbour spacing away, the plate is another surface than that of the field.
         let off = 0.5 * spacing;
         assert!(into(&blend, &sphere(70, RADIUS), off).iter().all(|&f| f == off));
         let far = sphere(70, RADIUS + 1.3 * spacing);

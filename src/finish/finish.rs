@@ -1,9 +1,9 @@
 //! Corrections to a trained field so that it goes through the points.
 //!
-//! After the training the field misses the points by some hundredths of their spacing. Two corrections follow, neither
-//! of them in the paper: the field's values at the points are interpolated and subtracted ([`Residual`]), without those
-//! of points that are too far from its surface, and the surface of least bending is blended in where it can be trusted
-//! ([`PlateBlend`]).
+//! After the training the field misses the points by some hundredths of their neighbour spacing. Two corrections
+//! follow, neither of them in the paper: the field's values at the points are interpolated and subtracted
+//! ([`Residual`]), without those of points that are too far from its surface, and the surface of least bending is
+//! blended in where it can be trusted ([`PlateBlend`]).
 
 use super::blend::PlateBlend;
 use super::residual::Residual;
@@ -17,6 +17,9 @@ pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 
 /// The largest coordinate of a place that the neighbour search takes, working frame.
 const MAX_COORDINATE: f32 = 1e6;
+
+/// What to do about a field that cannot be finished.
+const LEAVE_IT: &str = "leave the field as it is (finish = none)";
 
 /// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
 ///
@@ -37,7 +40,7 @@ impl Finish {
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if n is not in [`FINISHED_POINTS`], the points all lie in one place, a value is not finite,
-    /// or none is within half a spacing of 0.
+    /// or none is within half a median spacing of 0.
     ///
     /// # Panics
     /// If there is not one value and one gradient a point.
@@ -48,10 +51,11 @@ impl Finish {
         if !FINISHED_POINTS.contains(&n) {
             let (least, most) = (FINISHED_POINTS.start(), FINISHED_POINTS.end());
             let text = format!("{n} points, {least} to {most} expected");
-            return Err(Error::new(ErrorKind::Data, text));
+            return Err(Error::new(ErrorKind::Data, text).advise(LEAVE_IT));
         }
         if !values.iter().chain(gradients.as_flattened()).all(|x| x.is_finite()) {
-            return Err(Error::new(ErrorKind::Data, "the field is not finite at the points"));
+            let text = "the field is not finite at the points";
+            return Err(Error::new(ErrorKind::Data, text).advise(LEAVE_IT));
         }
         let normals = directions(gradients);
         Ok(Finish {
@@ -113,7 +117,7 @@ mod tests {
     use super::*;
     use crate::geometry::Shape;
 
-    /// A field that is the distance to a shape, less a slow wave of a sixth of the spacing of 300 points.
+    /// A field that is the distance to a shape, less a slow wave of a sixth of the distance between 300 points.
     fn wavy(shape: Shape, x: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
         let value = |x: [f32; 3]| shape.sdf(x) + 0.012 * (6.0 * x[0] + 4.0 * x[2]).sin();
         let slope = |x: &[f32; 3]| {

@@ -4,12 +4,13 @@
 //! place and normal, which is taken off. Between points, and where nothing was off, the field stays as it is.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{KdTree, spacing};
+use crate::geometry::{KdTree, median, neighbour_spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
 
-/// Distance in space at which two residuals have nothing in common, in median spacings of the points.
+/// Distance in space at which two residuals have nothing in common, in median spacings of the points: medians of the
+/// neighbour spacing.
 const REACH: f64 = 6.0;
 /// The distance between unit normals (from 0 to 2) that counts as much as the whole reach in space: the two sides of a
 /// sheet have hardly anything in common.
@@ -48,20 +49,21 @@ impl Residual {
     /// degree").
     ///
     /// # Errors
-    /// [`ErrorKind::Data`] if the points all lie in one place, or all are given up.
+    /// [`ErrorKind::Data`] if the points all lie in one place, all are given up, or the system cannot be solved.
     pub fn fit(points: &[[f32; 3]], normals: &[[f32; 3]], values: &[f32]) -> Result<Self, Error> {
-        let mut spacing = spacing(points);
-        let middle = spacing.len() / 2;
-        let unit = *spacing.select_nth_unstable_by(middle, f64::total_cmp).1;
+        let unit = median(neighbour_spacing(points));
         let kept: Vec<usize> =
             (0..points.len()).filter(|&i| f64::from(values[i].abs()) <= MAX_RESIDUAL * unit).collect();
         let [reach, turn] = [1.0 / (REACH * unit), 1.0 / TURN].map(|x| x as f32);
-        let undetermined = || {
-            let text = "all points lie in one place, or the field is off by more than half a spacing at each of them";
-            Error::new(ErrorKind::Data, text)
-        };
-        if !reach.is_finite() || kept.is_empty() {
-            return Err(undetermined());
+        if !reach.is_finite() {
+            return Err(Error::new(ErrorKind::Data, "all points lie in one place")
+                .advise("finish a field for the distinct points that it was made from"));
+        }
+        if kept.is_empty() {
+            let text = "the field is off by more than half a median spacing at every point";
+            return Err(Error::new(ErrorKind::Data, text).advise(
+                "train for more steps (stages) or on a finer grid, or leave the field as it is (finish = none)",
+            ));
         }
         let n = kept.len();
         let mut columns: [Vec<f32>; 7] = std::array::from_fn(|c| match c {
@@ -72,7 +74,10 @@ impl Residual {
         let values: Vec<f64> = kept.iter().map(|&i| f64::from(values[i])).collect();
         let places = (n > MAX_WHOLE_POINTS).then(|| places(&columns));
         let weights = match &places {
-            None => whole(&columns, values).ok_or_else(undetermined)?,
+            None => whole(&columns, values).ok_or_else(|| {
+                Error::new(ErrorKind::Data, "what the field is off by at the points cannot be interpolated")
+                    .advise("leave the field as it is (finish = none)")
+            })?,
             Some(places) => sparse(&columns, places, &values),
         };
         columns[6] = weights.into_iter().map(|w| w as f32).collect();
@@ -222,7 +227,7 @@ mod tests {
         let (points, normals) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(90, 3);
         let values: Vec<f32> = points.iter().map(|p| 0.01 * (9.0 * p[0]).sin()).collect();
         let residual = Residual::fit(&points, &normals, &values).unwrap();
-        let mut spacing = spacing(&points);
+        let mut spacing = neighbour_spacing(&points);
         spacing.sort_by(f64::total_cmp);
         let unit = spacing[45];
         let apart = |(a, n): (&[f32; 3], &[f32; 3]), (b, m): (&[f32; 3], &[f32; 3])| {
@@ -293,6 +298,10 @@ mod tests {
         let stray = with(points.clone(), normals.clone(), values.clone());
         let near = stray.at(&[[0.45, 0.45, 0.02]], &[[0.0, 0.0, 1.0]])[0];
         assert!((near - at[0]).abs() < 1e-5, "{near} {}", at[0]);
-        assert!(Residual::fit(&points[..1].repeat(5), &normals[..5], &values[..5]).is_err());
+        let one_place = Residual::fit(&points[..1].repeat(5), &normals[..5], &values[..5]).unwrap_err();
+        let far_off = Residual::fit(&points, &normals, &[0.3; 200]).unwrap_err();
+        for (error, text) in [(one_place, "one place"), (far_off, "every point")] {
+            assert!(error.message().contains(text) && error.advice().is_some(), "{error}");
+        }
     }
 }

@@ -3,9 +3,9 @@
 use std::cmp::Ordering;
 use std::collections::HashSet;
 
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use nalgebra::Vector3;
 
-use super::{Position, are_f32};
+use super::{Position, PrincipalAxes, are_f32, mean_point, spread};
 use crate::{Error, ErrorKind};
 
 /// The smallest extent of a solid cloud against its largest.
@@ -121,17 +121,14 @@ pub fn distinct_places(points: &[[f32; 3]], step: f64) -> usize {
 fn principal_extents(points: &[[f64; 3]]) -> [f64; 3] {
     let wide = |p: &[f64; 3]| Vector3::from(*p);
     let count = points.len() as f64;
-    let mean = points.iter().map(wide).sum::<Vector3<f64>>() / count;
+    let mean = mean_point(points.iter().map(wide));
     // Scaling by the largest coordinate keeps squares of tiny and huge clouds inside the range of `f64`.
     let scale = points.iter().map(|p| (wide(p) - mean).amax()).fold(0.0, f64::max);
     if scale == 0.0 {
         return [0.0; 3];
     }
-    let covariance = points.iter().fold(Matrix3::zeros(), |sum, p| {
-        let d = (wide(p) - mean) / scale;
-        sum + d * d.transpose()
-    }) / count;
-    let axes = SymmetricEigen::new(covariance).eigenvectors;
+    let covariance = spread(points.iter().map(|p| ((wide(p) - mean) / scale, 1.0))) / count;
+    let axes = PrincipalAxes::of_spread(covariance).directions;
     let mut extents = [0, 1, 2].map(|a| {
         let axis = axes.column(a);
         let (low, high) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {

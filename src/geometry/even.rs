@@ -4,19 +4,16 @@
 //! Between such lines a surface through all points has nothing to hold on to but the noise along them: it tears and
 //! turns over. The means determine it.
 
-use super::KdTree;
-use super::vec3::distance;
+use super::spacing::{AREA_NEIGHBOURS, area_spacing};
 use rayon::prelude::*;
 
-/// Nearest points whose farthest measures the spacing around a point.
-const NEIGHBOURS: usize = 24;
 /// A surface that points fill crosses this many of the 5 x 5 x 5 cells around a point of it (25 if it is flat and
 /// parallel to them); a few lines cross fewer.
 const FILLED: usize = 20;
-/// Points lie on lines where the cells that they fill are larger than this many times their spacing (1.1 to 1.7 on
-/// surfaces that are sampled at random).
+/// Points lie on lines where the cells that they fill are larger than this many times their area spacing; on
+/// surfaces that are sampled at random they are smaller (`benches/accuracy.md`, constants).
 const LINED: f64 = 2.0;
-/// Lines that are farther apart than this many times the spacing along them are no surface.
+/// Lines that are farther apart than this many times the area spacing are no surface.
 const MAX_LINED: f64 = 16.0;
 /// The share of points on such lines from which on a cloud is one of lines. On a thin leg points lie on a line, too.
 const SHARE: f64 = 0.3;
@@ -62,10 +59,10 @@ impl EvenCloud {
 /// around them as a surface does; `None` if fewer than three tenths of the points are on lines that lie far from each
 /// other.
 pub(crate) fn evened(points: &[[f32; 3]]) -> Option<EvenCloud> {
-    if points.len() <= NEIGHBOURS {
+    if points.len() <= AREA_NEIGHBOURS {
         return None;
     }
-    let filled = lined_cells(points, &disc_spacing(points))?;
+    let filled = lined_cells(points, &area_spacing(points))?;
     // Points that stay on their own first, then cells of each size, so that the result is in a fixed order.
     let number = |(i, step): (usize, &Option<i32>)| match step {
         Some(step) => (*step, key(cell(points[i], MERGED * side(*step))), i as u32),
@@ -85,10 +82,10 @@ pub(crate) fn evened(points: &[[f32; 3]]) -> Option<EvenCloud> {
     Some(EvenCloud { points: means, group_of })
 }
 
-/// The spacing at each of n points as that of a surface: that of [`disc_spacing`]; on lines that lie far from each
-/// other, which fill larger cells together, so much larger.
+/// The surface spacing at each of n points (n), in their unit: the area spacing, or about the line distance, the side
+/// of the cells that points on lines fill together, where that is larger.
 pub(crate) fn surface_spacing(points: &[[f32; 3]]) -> Vec<f64> {
-    let mut spacing = disc_spacing(points);
+    let mut spacing = area_spacing(points);
     if let Some(filled) = lined_cells(points, &spacing) {
         let of = |step: Option<i32>| step.map_or(0.0, side);
         spacing.iter_mut().zip(filled).for_each(|(spacing, step)| *spacing = spacing.max(of(step)));
@@ -97,23 +94,12 @@ pub(crate) fn surface_spacing(points: &[[f32; 3]]) -> Vec<f64> {
 }
 
 /// The steps (see [`side`]) of [`filled_cells`] of a cloud of lines; `None` for another.
-fn lined_cells(points: &[[f32; 3]], spacing: &[f64]) -> Option<Vec<Option<i32>>> {
-    let filled = filled_cells(points, spacing);
+fn lined_cells(points: &[[f32; 3]], area_spacing: &[f64]) -> Option<Vec<Option<i32>>> {
+    let filled = filled_cells(points, area_spacing);
     let lined =
         |(step, spacing): &(&Option<i32>, &f64)| step.is_some_and(|step| side(step) > LINED * **spacing);
-    let count = filled.iter().zip(spacing).filter(lined).count();
+    let count = filled.iter().zip(area_spacing).filter(lined).count();
     (count as f64 >= SHARE * points.len() as f64).then_some(filled)
-}
-
-/// The spacing at each of n points: the side of the square that each neighbour would have if they lay evenly on a disc,
-/// r sqrt(pi / k) with the distance r to the k-th nearest point, k = 24 (fewer if there are fewer points).
-pub(crate) fn disc_spacing(points: &[[f32; 3]]) -> Vec<f64> {
-    // Each point is the nearest to itself.
-    let k = NEIGHBOURS.min(points.len() - 1);
-    let near = KdTree::new(points).k_nearest(points, k + 1);
-    let share = (std::f64::consts::PI / k as f64).sqrt();
-    let one = |(p, near): (&[f32; 3], &[u32])| share * distance(*p, points[near[k] as usize]);
-    points.iter().zip(near.chunks_exact(k + 1)).map(one).collect()
 }
 
 /// The side of cells of a step, 2^(step / 2), in the unit of the points.
@@ -131,15 +117,16 @@ fn key(cell: [i64; 3]) -> u64 {
 }
 
 /// For each point the step (see [`side`]) of the smallest cells that it and the points around it fill as a surface
-/// does; none where that takes cells of more than 16 times the spacing.
-fn filled_cells(points: &[[f32; 3]], spacing: &[f64]) -> Vec<Option<i32>> {
+/// does; none where that takes cells of more than 16 times the area spacing.
+fn filled_cells(points: &[[f32; 3]], area_spacing: &[f64]) -> Vec<Option<i32>> {
     let step_of = |length: f64| (2.0 * length.log2()).floor() as i32;
     let extent = points.iter().flatten().fold(0.0f64, |m, x| m.max(f64::from(x.abs())));
     let finest = step_of(extent / MAX_CELLS) + 1;
-    // Smaller cells than about the spacing are never filled.
+    // Smaller cells than about the area spacing are never filled.
     let first: Vec<i32> =
-        spacing.iter().map(|&s| step_of(0.7 * s.max(f64::MIN_POSITIVE)).max(finest)).collect();
-    let last: Vec<i32> = spacing.iter().map(|&s| step_of(MAX_LINED * s.max(f64::MIN_POSITIVE))).collect();
+        area_spacing.iter().map(|&s| step_of(0.7 * s.max(f64::MIN_POSITIVE)).max(finest)).collect();
+    let last: Vec<i32> =
+        area_spacing.iter().map(|&s| step_of(MAX_LINED * s.max(f64::MIN_POSITIVE))).collect();
     let mut found = vec![None; points.len()];
     let (Some(&from), Some(&to)) = (first.iter().min(), last.iter().max()) else { return found };
     for step in from..=to {
@@ -172,7 +159,8 @@ fn around(occupied: &[u64], [x, y, z]: [i64; 3]) -> usize {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::vec3::distance;
+    use crate::geometry::{KdTree, Shape};
     use proptest::prelude::*;
 
     /// Rings on a plane as a spinning scanner leaves them, 0.05 apart, the points 0.002 apart along them.

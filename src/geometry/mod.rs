@@ -1,6 +1,7 @@
 //! Points, grids and meshes: everything that has no gradient.
 
 mod attribute;
+mod axes;
 mod bounds;
 mod cloud;
 mod even;
@@ -9,6 +10,7 @@ mod figures;
 mod grid;
 mod mesh;
 mod position;
+mod ranks;
 mod search;
 mod shapes;
 mod spacing;
@@ -18,6 +20,7 @@ pub(crate) mod vec3;
 
 pub use attribute::{Attribute, Number};
 pub(crate) use attribute::{COLOUR, colours};
+pub(crate) use axes::{PrincipalAxes, mean_point, spread};
 pub use bounds::{Bounds, Normalizer};
 pub use cloud::{CleanCloud, clean_cloud, distinct_places};
 pub(crate) use even::{evened, surface_spacing};
@@ -31,9 +34,10 @@ pub(crate) use grid::{CellSizes, MARGIN, WORKING_CUBE, along, crossing_share, ex
 pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
 pub(crate) use mesh::{connected, cumulative_areas};
 pub use position::{Position, about, are_f32, widened};
+pub(crate) use ranks::{median, quantile, ranked};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
 pub use shapes::Shape;
-pub(crate) use spacing::{mean_distances, spacing};
+pub(crate) use spacing::{nearest_distances, neighbour_spacing};
 pub use sphere::fibonacci_sphere;
 pub use thin::thin_cloud;

@@ -1,8 +1,8 @@
 //! A large symmetric positive definite system, built from products and solved by blocks.
 //!
 //! Nearly all of the work is products of tall matrices, which nalgebra hands to kernels that use the whole processor;
-//! column by column, as its own factorisation goes, 1,500 unknowns took ten seconds. Tasks own fixed blocks of columns
-//! and every block is worked on in the same order, so the threads do not change a bit.
+//! its own factorisation goes column by column and is many times slower (`benches/accuracy.md`, constants). Tasks own
+//! fixed blocks of columns and every block is worked on in the same order, so the threads do not change a bit.
 
 use nalgebra::{DMatrix, DMatrixView, DMatrixViewMut, Dyn};
 use rayon::prelude::*;

@@ -6,12 +6,12 @@
 //! working frame. Where a part is that near to the largest, or to one joined to it, points of the straight line between
 //! the two are asked to be inside from then on. Not in the paper.
 
-use super::result::zero_level_set;
+use super::final_shape::zero_level_set;
 use crate::error::{Error, ErrorKind};
 use crate::field::Field;
-use crate::geometry::{TriangleMesh, nearest_points, spacing};
+use crate::geometry::{TriangleMesh, nearest_points, neighbour_spacing};
 
-/// The widest gap that is bridged, in spacings of the points at its ends.
+/// The widest gap that is bridged, in neighbour spacings of the points at its ends.
 const REACH: f64 = 1.0;
 /// How far below 0 the field is to be on a bridge, in the same unit.
 const DEPTH: f64 = 0.1;
@@ -48,7 +48,7 @@ impl Bridges {
             return bridges;
         }
         let parts: Vec<Vec<[f32; 3]>> = parts.iter().map(|p| mesh.select_faces(&p.faces).verts).collect();
-        let spacing = spacing(cloud);
+        let spacing = neighbour_spacing(cloud);
         let mut gaps = Vec::new();
         for (j, to) in parts.iter().enumerate() {
             for (i, from) in parts[..j].iter().enumerate() {
@@ -119,7 +119,7 @@ struct Gap {
     parts: [usize; 2],
     ends: [[f32; 3]; 2],
     width: f64,
-    /// The spacing of the points at its ends.
+    /// The mean of the neighbour spacings of the points at its ends, working frame.
     unit: f64,
 }
 
@@ -185,7 +185,7 @@ mod tests {
             near in prop::collection::vec(any::<bool>(), 5),
         ) {
             // Mean distances of 40 points on a ball to their neighbours, in radii.
-            let unit = spacing(&fibonacci_sphere(40)).iter().sum::<f64>() as f32 / 40.0;
+            let unit = neighbour_spacing(&fibonacci_sphere(40)).iter().sum::<f64>() as f32 / 40.0;
             let mut row = vec![(-0.5 + radii[0], radii[0])];
             for (i, &r) in radii.iter().enumerate().skip(1) {
                 let (c, before) = row[i - 1];

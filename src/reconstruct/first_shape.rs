@@ -13,7 +13,7 @@ use crate::start::{
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// Radii of dipoles that are tried where `start.dipole_radius` is `None`, in local point spacings.
+/// Radii of dipoles that are tried where `start.dipole_radius` is `None`, in neighbour spacings.
 const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
 /// The most points for which all of them are tried.

@@ -12,6 +12,7 @@ mod bridges;
 mod coded;
 mod config;
 mod far;
+mod final_shape;
 mod first_shape;
 mod frame;
 mod hints;

@@ -94,9 +94,10 @@ loss_terms! {
         None => tape.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
         Some(tree) => surface_distance(tape, scene.crossings, scene.faces, tree, scene.cloud),
     });
-    /// The mean of max(0, g + depth) at points on bridges: straight lines over gaps, no wider than the spacing of the
-    /// points, from the largest part of the surface, or from parts joined to it, to loose parts. Gaps are looked for on
-    /// 128 cubes a side after 0.65 and 0.8 of the training.
+    /// The mean of max(0, g + depth) at points on bridges: straight lines over gaps, no wider than the neighbour
+    /// spacing of the points at their ends (the mean distance to the seven nearest others), from the largest part of
+    /// the surface, or from parts joined to it, to loose parts. Gaps are looked for on 128 cubes a side after 0.65 and
+    /// 0.8 of the training.
     bridge, " Default 0.01, paper 0.": |tape, scene| scene.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
 }
 

@@ -1,15 +1,14 @@
 //! The result: a field and what comes with it, in the input's frame.
 
+use super::Config;
 use super::far::{self, radius, share};
+use super::final_shape::{FinalShape, zero_level_set};
 use super::frame::Frame;
-use super::{Config, Finishing};
 use crate::bsp::Coverage;
-use crate::error::{Error, ErrorKind};
-use crate::field::Field;
-use crate::finish::{FINISHED_POINTS, Finish};
+use crate::error::Error;
+use crate::finish::Finish;
 use crate::geometry::{
-    Bounds, CellSizes, KdTree, NarrowBandOptions, Normalizer, Position, TetGrid, TriangleBvh, TriangleMesh,
-    WORKING_CUBE, extract, extract_graded,
+    Bounds, CellSizes, KdTree, Normalizer, Position, TriangleMesh, WORKING_CUBE, extract_graded,
 };
 use crate::io::GridValues;
 use rayon::prelude::*;
@@ -35,77 +34,6 @@ pub struct Reconstruction {
     pub(super) turned: bool,
     pub(super) notices: Vec<String>,
 }
-
-/// The signed distance that a run ends with, before the corrections of [`Finish`]; working frame.
-#[derive(Clone, Debug)]
-pub(super) enum FinalShape {
-    /// A trained network.
-    Learned(Field),
-    /// The first shape itself, where nothing was to be trained.
-    Found(FoundShape),
-}
-
-/// A closed mesh as a signed distance.
-#[derive(Clone, Debug)]
-pub(super) struct FoundShape {
-    /// The mesh, to be saved.
-    #[cfg(feature = "checkpoint")]
-    pub mesh: TriangleMesh,
-    tree: TriangleBvh,
-}
-
-impl FoundShape {
-    /// # Errors
-    /// As [`TriangleBvh::new`] for an empty mesh.
-    pub fn new(mesh: TriangleMesh) -> Result<Self, Error> {
-        Ok(FoundShape {
-            tree: TriangleBvh::new(&mesh)?,
-            #[cfg(feature = "checkpoint")]
-            mesh,
-        })
-    }
-}
-
-impl FinalShape {
-    /// Signed distances at `points` (m x 3).
-    fn sdf(&self, points: &[[f32; 3]]) -> Vec<f32> {
-        match self {
-            FinalShape::Learned(field) => field.sdf(points),
-            FinalShape::Found(found) => found.tree.signed_distances(points).0,
-        }
-    }
-
-    /// Signed distances and their gradients at `points` (m x 3).
-    fn sdf_and_gradient(&self, points: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
-        match self {
-            FinalShape::Learned(field) => field.sdf_and_gradient(points),
-            FinalShape::Found(found) => found.tree.signed_distances(points),
-        }
-    }
-
-    /// The corrections to the shape for `points` (n x 3), as far as `config` asks for it and they allow it.
-    pub fn finished_for(&self, points: &[[f32; 3]], config: &Config) -> Option<Finish> {
-        match config.finish {
-            Finishing::Points if FINISHED_POINTS.contains(&points.len()) => {
-                let (sdf, gradient) = self.sdf_and_gradient(points);
-                Finish::fit(points, &sdf, &gradient).ok()
-            }
-            _ => None,
-        }
-    }
-
-    /// The gradients of the signed distances at `points` (m x 3).
-    fn gradient(&self, points: &[[f32; 3]]) -> Vec<[f32; 3]> {
-        match self {
-            FinalShape::Learned(field) => field.gradient(points),
-            FinalShape::Found(found) => found.tree.signed_distances(points).1,
-        }
-    }
-}
-
-/// Cubes along each side of the lattice that the search for the surface starts from. A part that is smaller than these
-/// cubes may be missed if it is near no point and joined to no part that is; such parts are not wanted.
-const COARSE: usize = 16;
 
 /// The cells of a graded mesh between neighbouring points.
 const CELLS_BETWEEN: f64 = 2.0;
@@ -246,9 +174,9 @@ impl Reconstruction {
     /// cloud. Parts below the share `min_component` of the largest part's area are left out.
     ///
     /// # Errors
-    /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid,
-    /// [`ErrorKind::Config`] for a resolution below 3 or beyond 32-bit vertex numbers,
-    /// [`ErrorKind::Diverged`] if the field is not finite.
+    /// [`NoSurface`](crate::ErrorKind::NoSurface) if the field is nowhere negative on the grid,
+    /// [`Config`](crate::ErrorKind::Config) for a resolution below 3 or beyond 32-bit vertex numbers,
+    /// [`Diverged`](crate::ErrorKind::Diverged) if the field is not finite.
     pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh<[f64; 3]>, Error> {
         let seeds = self.frame.forward(&self.cloud);
         let sdf = |x: &[[f32; 3]]| self.working_sdf(x);
@@ -270,8 +198,9 @@ impl Reconstruction {
     /// [`mesh`](Self::mesh).
     ///
     /// # Errors
-    /// [`ErrorKind::NoSurface`] if the field is nowhere negative on the grid, [`ErrorKind::Diverged`] if it is not
-    /// finite, [`ErrorKind::Config`] if there are too many points for it.
+    /// [`NoSurface`](crate::ErrorKind::NoSurface) if the field is nowhere negative on the grid,
+    /// [`Diverged`](crate::ErrorKind::Diverged) if it is not finite, [`Config`](crate::ErrorKind::Config) if there are
+    /// too many points for it.
     pub fn graded_mesh(&self) -> Result<TriangleMesh<[f64; 3]>, Error> {
         let sizes = CellSizes::of_surface(&self.frame.forward(&self.cloud), CELLS_BETWEEN);
         let [low, side] = WORKING_CUBE;
@@ -346,34 +275,12 @@ impl Reconstruction {
     }
 }
 
-/// The zero level set of signed distances in the working frame, from a grid of `resolution` cubes a side searched near
-/// the `seeds` (n x 3) too, without parts below the share `min_part` of the largest part's area.
-///
-/// # Errors
-/// As [`Reconstruction::mesh`].
-pub(super) fn zero_level_set(
-    sdf: &dyn Fn(&[[f32; 3]]) -> Vec<f32>,
-    seeds: &[[f32; 3]],
-    resolution: usize,
-    min_part: f64,
-) -> Result<TriangleMesh, Error> {
-    let grid = TetGrid::working_frame(resolution)?;
-    let options = NarrowBandOptions { coarse_resolution: COARSE, seeds, ..Default::default() };
-    let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(sdf(x)), &options).map_err(|e| {
-        if e.kind() == ErrorKind::NoSurface {
-            return e.advise("raise the resolution, or train for more steps");
-        }
-        e
-    })?;
-    Ok(mesh.keep_large(min_part))
-}
-
 #[cfg(test)]
 mod tests {
     use super::super::tests::{ball, quick, run, tiny};
     use super::*;
     use crate::geometry::Shape;
-    use crate::reconstruct::{Preset, Trainer};
+    use crate::reconstruct::{Finishing, Preset, Trainer};
 
     #[test]
     fn a_finished_result_is_nearer_to_the_points_and_to_the_ball() {

@@ -177,8 +177,8 @@ fn thinned(cloud: &[[f32; 3]], config: &Config) -> Option<Vec<u32>> {
     let finest = config.stages.iter().map(|s| s.resolution).max();
     let grid = finest.and_then(|resolution| TetGrid::working_frame(resolution).ok());
     match (grid, config.batch.thin) {
-        (Some(grid), Some(spacings)) if cloud.len() > config.batch.points => {
-            let kept = thin_cloud(cloud, spacings * grid.spacing());
+        (Some(grid), Some(cubes)) if cloud.len() > config.batch.points => {
+            let kept = thin_cloud(cloud, cubes * grid.spacing());
             // A dense heap with a far outlier would become a few points: it is left whole.
             (kept.len() >= MIN_THINNED).then_some(kept)
         }

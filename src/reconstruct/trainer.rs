@@ -2,8 +2,8 @@
 
 use super::band::ActiveBand;
 use super::coded::{self, Coded};
+use super::final_shape::{FinalShape, FoundShape};
 use super::phases::{StepReport, Stop, Workspace, pretrain, start, train};
-use super::result::{FinalShape, FoundShape};
 use super::setup::{Prepared, Setup, prepare};
 use super::state::State;
 use super::{Config, Hints, Phase, Reconstruction};
@@ -89,7 +89,7 @@ impl Trainer {
     pub fn step_unless(&mut self, stop: &(dyn Fn() -> bool + Sync)) -> Result<Option<StepReport>, Error> {
         assert!(!self.is_done(), "step: all {} steps are done", self.total_steps());
         // On a thread of the pool from the first to the last line: from outside, each parallel loop would wait for a
-        // thread to wake up (an eighth of a run with one thread).
+        // thread to wake up.
         rayon::scope(|_| self.step_in_pool(stop))
     }
 

@@ -2,15 +2,15 @@
 
 use crate::error::Error;
 use crate::geometry::vec3::distance;
-use crate::geometry::{KdTree, Normalizer, Position, surface_spacing};
+use crate::geometry::{KdTree, Normalizer, Position, quantile, surface_spacing};
 use rayon::prelude::*;
 
-/// Nearest points over whose spacings the mean is taken, so that the spacing does not jump from place to place.
+/// Nearest points over whose surface spacings the mean is taken, so that it does not jump from place to place.
 const AVERAGED: usize = 8;
-/// The share of the points that have a spacing of their own. What is 1.5 times sparser than all of these is a scatter
-/// and no surface.
+/// The share of the points that have a surface spacing of their own. What is 1.5 times sparser than all of these is a
+/// scatter and no surface.
 const DENSER_SHARE: f64 = 0.9;
-/// The spacing at a point is at most this many times the largest of the usual ones.
+/// The surface spacing at a point is at most this many times the largest of those.
 const MAX_EXCESS: f64 = 1.5;
 /// Places that one thread works on at a time.
 const CHUNK: usize = 256;
@@ -18,20 +18,22 @@ const CHUNK: usize = 256;
 /// How well points speak for m places: the larger the gap, the less.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Support {
-    /// The distance from each place to the nearest point, over the spacing there (m): 0 at a point, without unit.
+    /// The distance from each place to the nearest point, over the surface spacing there (m): 0 at a point, without
+    /// unit.
     /// Between the points of an evenly sampled surface it is at most about 0.7, between random ones rarely above 1.5.
     pub gap: Vec<f32>,
-    /// The spacing of the points there (m), in their unit.
-    pub spacing: Vec<f32>,
+    /// The surface spacing of the points there (m), in their unit; [`support`] says what that is.
+    pub surface_spacing: Vec<f32>,
 }
 
-/// The gap and the spacing of `points` (n x 3) at each of `places` (m x 3, in the same frame), of 32 or 64 bits each.
+/// The gap and the surface spacing of `points` (n x 3) at each of `places` (m x 3, in the same frame), of 32 or 64 bits
+/// each.
 ///
-/// The spacing at a point is the side of the square that each of its neighbours would have if they lay evenly on a
-/// disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points). Where
-/// a scanner left lines that lie far from each other, it is about as large as the lines are apart. It is at most one
-/// and a half times that which nine tenths of the points stay below: what is sparser is a scatter. At a place the
-/// spacing is the mean over the eight nearest points.
+/// The surface spacing at a point is the side of the square that each of its neighbours would have if they lay evenly
+/// on a disc: r sqrt(pi / k) with the distance r to its k-th nearest point, k = 24 (fewer if there are fewer points).
+/// Where a scanner left lines that lie far from each other, it is about as large as the lines are apart. It is at most
+/// one and a half times that which nine tenths of the points stay below: what is sparser is a scatter. At a place it is
+/// the mean over the eight nearest points.
 ///
 /// # Errors
 /// [`ErrorKind::Data`](crate::ErrorKind::Data) if there are fewer than two distinct points or a coordinate of the
@@ -57,8 +59,8 @@ pub fn support<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<S
         places.iter().zip(near.chunks_exact(averaged)).map(one).collect::<Vec<_>>()
     };
     let each: Vec<Vec<(f32, f32)>> = places.par_chunks(CHUNK).map(chunk).collect();
-    let (gap, spacing) = each.into_iter().flatten().unzip();
-    Ok(Support { gap, spacing })
+    let (gap, surface_spacing) = each.into_iter().flatten().unzip();
+    Ok(Support { gap, surface_spacing })
 }
 
 /// The number of the point nearest to each of `places` (m x 3, in the frame of `points`, n x 3): m; of several as near,
@@ -77,19 +79,17 @@ pub fn nearest_of<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Resul
     Ok(places.par_iter().with_min_len(CHUNK).map(|&place| tree.nearest(place).0).collect())
 }
 
-/// The spacing at each point.
+/// The surface spacing at each point, above 0.
 fn spacings(points: &[[f32; 3]]) -> Vec<f64> {
     let spacing = surface_spacing(points);
-    // Points that more than k others share their place with have no spacing of their own.
+    // Points that more than k others share their place with have none of their own.
     let least = spacing.iter().copied().filter(|&s| s > 0.0).fold(f64::INFINITY, f64::min);
     spacing.into_iter().map(|s| if s > 0.0 { s } else { least }).collect()
 }
 
-/// Spacings no larger than 1.5 times that which nine tenths of the points stay below.
+/// Surface spacings no larger than 1.5 times that which nine tenths of the points stay below.
 fn capped(mut spacing: Vec<f64>) -> Vec<f64> {
-    let mut sorted = spacing.clone();
-    sorted.sort_unstable_by(f64::total_cmp);
-    let most = MAX_EXCESS * sorted[(DENSER_SHARE * (sorted.len() - 1) as f64).ceil() as usize];
+    let most = MAX_EXCESS * quantile(spacing.clone(), DENSER_SHARE);
     spacing.iter_mut().for_each(|s| *s = s.min(most));
     spacing
 }
@@ -123,7 +123,7 @@ mod tests {
             let got = support(&places, &points).unwrap();
             let nearest = nearest_of(&places, &points).unwrap();
             prop_assert!(places.iter().zip(nearest).all(|(p, i)| sorted(p)[0].1 == i as usize));
-            for (place, (got, wide)) in places.iter().zip(got.gap.iter().zip(&got.spacing)) {
+            for (place, (got, wide)) in places.iter().zip(got.gap.iter().zip(&got.surface_spacing)) {
                 let near = sorted(place);
                 let m = 8.min(n);
                 let mean = near[..m].iter().map(|&(_, i)| spacing[i].min(most)).sum::<f64>() / m as f64;
@@ -152,7 +152,7 @@ mod tests {
         let scatter: Vec<[f32; 3]> =
             fibonacci_sphere(30).into_iter().map(|p| [p[0] + 3.0, p[1], p[2]]).collect();
         points.extend(&scatter);
-        // Half a spacing of the scatter off its points.
+        // Half of the distance between points of the scatter off its points.
         let among: Vec<[f32; 3]> = scatter.iter().map(|p| [p[0] + 0.3, p[1], p[2]]).collect();
         let gap = support(&among, &points).unwrap().gap;
         assert!(gap.iter().filter(|&&gap| gap > 1.0).count() > 25, "{gap:?}");

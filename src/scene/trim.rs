@@ -7,9 +7,10 @@ use std::collections::HashMap;
 
 /// The [`gap`](Support::gap) beyond which a surface is cut away, unless another one is asked for.
 pub const TRIM_FACTOR: f32 = 1.0;
-/// A hole of less area than this many squares of the spacing is not cut: even random points leave such.
+/// A hole of less area than this many squares of the surface spacing is not cut: even random points leave such.
 const MIN_HOLE: f64 = 4.0;
-/// What is left in a piece of less area than this, as many squares of the spacing, is dropped: some ten points.
+/// What is left in a piece of less area than this, as many squares of the surface spacing, is dropped: some
+/// ten points.
 const MIN_PIECE: f64 = 10.0;
 /// A cut stays this share of an edge's length away from both of its ends, so that no triangle loses its area. It is
 /// more than the margin of the grid's crossings, as here triangles may be thin before they are cut.
@@ -30,15 +31,15 @@ pub struct Trimmed<P = [f32; 3]> {
 /// Cuts off `mesh` what has a gap above `factor`, given the `support` of its vertices (v).
 ///
 /// Faces that the limit runs through are cut along it, so that the boundary is a smooth line and not a saw. A hole
-/// below 4 squares of the spacing is not cut, and a piece below 10 is dropped. Where `mesh` is a manifold the result is
-/// one, its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is `mesh`
-/// itself, but for pieces that are dropped.
+/// below 4 squares of the surface spacing is not cut, and a piece below 10 is dropped. Where `mesh` is a manifold the
+/// result is one, its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is
+/// `mesh` itself, but for pieces that are dropped.
 ///
 /// # Panics
 /// If there is not one support a vertex, or a face names a vertex that is not there.
 #[track_caller]
 pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &Support, factor: f32) -> Trimmed<P> {
-    let Support { gap, spacing } = support;
+    let Support { gap, surface_spacing: spacing } = support;
     let v = mesh.verts.len();
     assert!(gap.len() == v && spacing.len() == v, "trim: {} supports, {v} vertices", gap.len());
     let mut squares = vertex_areas(mesh);
@@ -149,7 +150,7 @@ mod tests {
 
     /// Points as far apart as a 60th of the side of the frame, with these gaps.
     fn gaps(gap: Vec<f32>) -> Support {
-        Support { spacing: vec![1.0 / 60.0; gap.len()], gap }
+        Support { surface_spacing: vec![1.0 / 60.0; gap.len()], gap }
     }
 
     /// Each vertex of the boundary has one edge in and one out, so that the boundary is made of closed loops; no edge

@@ -1,11 +1,10 @@
-//! Candidates for the first shape: closed surfaces found among the points, and which of them fits the points best.
+//! Candidates for the first shape: closed surfaces that the Gauss formula finds among the points, and which of several
+//! surfaces fits the points best.
 
-use super::{GaussField, LeastBending, Ramp, USUAL_AREA, resolution_for_area};
+use super::{GaussField, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
-use crate::geometry::vec3::dot;
 use crate::geometry::{
-    CellSizes, NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, WORKING_CUBE, extract, extract_graded,
-    nearest_points, sample_surface, spacing,
+    NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points, sample_surface,
 };
 use rayon::prelude::*;
 
@@ -21,14 +20,14 @@ const GAUSS_FINE_RESOLUTION: usize = 96;
 const POINTS_SERVED: f64 = 1200.0;
 /// Cubes along each side of the lattice on which the search for a surface starts. Parts of the surface that are smaller
 /// than such a cube and near no point may be missed, and are not wanted.
-const COARSE: usize = 16;
+pub(super) const COARSE: usize = 16;
 /// Samples of a surface that say how far it is from the points.
 const MISFIT_SAMPLES: usize = 4096;
 /// Weight of the distance from the points to the surface beside that from the surface to the points; 2 to 8 choose
 /// about alike.
 const MISFIT_OF_POINTS: f64 = 4.0;
 /// Parts of a first shape below this share of the largest one's area are left out.
-const MIN_PART: f64 = 0.02;
+pub(super) const MIN_PART: f64 = 0.02;
 
 /// The area of a surface that `n` points cover as densely as the usual grids can serve; on a smaller one they lie
 /// closer to each other. For more than 1,200 points the usual area.
@@ -37,7 +36,7 @@ fn covered(n: usize) -> f64 {
 }
 
 /// Cubes along each side of the grid for the surface of `n` points: the `usual` ones, or more if it has little area.
-fn fine_enough(usual: usize, area: f64, n: usize) -> usize {
+pub(super) fn fine_enough(usual: usize, area: f64, n: usize) -> usize {
     resolution_for_area(usual, area, covered(n)).max(usual)
 }
 
@@ -87,7 +86,7 @@ pub fn gauss_shape(
 }
 
 /// The shapes that [`gauss_shape`] finds among `points` (n x 3, working frame) with several `radii` of the
-/// dipoles (in local spacings of the points), in their order, without those that it fails for.
+/// dipoles (in neighbour spacings of the points), in their order, without those that it fails for.
 ///
 /// No radius suits every cloud. A small one keeps sheets apart that lie close together, a large one closes what sparse
 /// points leave open.
@@ -111,7 +110,9 @@ pub fn gauss_shapes(
 }
 
 /// What did not fail; if all did, the first error.
-fn those_found(mut attempts: Vec<Result<TriangleMesh, Error>>) -> Result<Vec<TriangleMesh>, Error> {
+pub(super) fn those_found(
+    mut attempts: Vec<Result<TriangleMesh, Error>>,
+) -> Result<Vec<TriangleMesh>, Error> {
     match attempts.iter().all(Result::is_err) {
         true => Err(attempts.swap_remove(0).expect_err("all are errors")),
         false => Ok(attempts.into_iter().flatten().collect()),
@@ -157,96 +158,10 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
     Ok(MISFIT_OF_POINTS * to_surface + to_points)
 }
 
-/// Distances to the nearest point, in its local spacing, between which the thin plate hands over to the rough surface.
-const TRUST: Ramp = Ramp { from: 0.7, to: 1.2 };
-/// The same for clouds of many points, where the plate is nearer to the truth beyond the rims of open surfaces, too.
-/// Between the few points of thin sheets it is not (`benches/accuracy.md`).
-const TRUST_OF_MANY: Ramp = Ramp { from: 1.5, to: 2.5 };
-/// Points from which on a cloud has many.
-const MANY_POINTS: usize = 4096;
-/// Cubes along each side of the grid that the surface of one thin plate is taken from, if the rough one is not small:
-/// blades and legs come out in shreds on a grid that does not depend on the area.
-const PLATE_RESOLUTION: usize = 64;
-/// Cells between neighbouring points where there are several plates: more bring nothing. A surface bends little from
-/// one of many points to the next.
-const CELLS_BETWEEN: f64 = 2.4;
-/// The same for clouds of many points.
-const CELLS_BETWEEN_MANY: f64 = 1.5;
-
-/// Surfaces of least bending through `points` (n x 3, working frame), see [`LeastBending`], where points are near; one
-/// of the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
-/// surface's normals at the points are the first guess of theirs, or `normals` (n x 3) where these are given, not zero
-/// and on the same side. One surface for each rough one, in their order, without those that cannot be extracted.
-///
-/// The surface of one plate is taken from a grid of 64 cubes a side, or a finer one where the rough one has little area
-/// for so many points ([`resolution_for_area`]); that of several from cells as fine as the points.
-///
-/// # Errors
-/// As [`LeastBending::fit_each`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:
-/// [`NoSurface`](crate::ErrorKind::NoSurface) where nothing is enclosed.
-///
-/// # Panics
-/// If there is no rough surface.
-#[track_caller]
-pub fn plate_shapes(
-    points: &[[f32; 3]],
-    normals: Option<&[[f32; 3]]>,
-    rough: &[TriangleMesh],
-) -> Result<Vec<TriangleMesh>, Error> {
-    assert!(!rough.is_empty(), "plate_shapes: no rough surface");
-    let trees: Vec<TriangleBvh> = rough.iter().map(TriangleBvh::new).collect::<Result<_, _>>()?;
-    let guess = |tree: &TriangleBvh| {
-        let mut guess = tree.normals_near(points);
-        for (own, given) in guess.iter_mut().zip(normals.unwrap_or_default()) {
-            if dot(*own, *given) > 0.0 {
-                *own = *given;
-            }
-        }
-        guess
-    };
-    let guesses: Vec<Vec<[f32; 3]>> = trees.iter().map(guess).collect();
-    let plates = LeastBending::fit_each(points, &guesses)?;
-    let spacing = spacing(points);
-    let many = points.len() >= MANY_POINTS;
-    let trust = if many { TRUST_OF_MANY } else { TRUST };
-    let cells_between = if many { CELLS_BETWEEN_MANY } else { CELLS_BETWEEN };
-    let surface = |(plate, tree, rough): (&LeastBending, &TriangleBvh, &TriangleMesh)| {
-        let mut eval = |x: &[[f32; 3]]| {
-            let (nearest, dist_sq) = nearest_points(x, points);
-            let mut values = plate.value(x, &nearest);
-            values.par_iter_mut().enumerate().for_each(|(i, value)| {
-                let far = dist_sq[i].sqrt() / spacing[nearest[i] as usize] as f32;
-                let share = trust.rising(far);
-                if value.is_nan() {
-                    *value = tree.signed_distance(x[i]).0;
-                } else if share > 0.0 {
-                    *value = (1.0 - share) * *value + share * tree.signed_distance(x[i]).0;
-                }
-            });
-            Ok(values)
-        };
-        let mesh = match plate {
-            LeastBending::Whole(_) => {
-                let resolution = fine_enough(PLATE_RESOLUTION, rough.topology().area, points.len());
-                let grid = TetGrid::working_frame(resolution)?;
-                let options =
-                    NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
-                extract(&grid, &mut eval, &options)?
-            }
-            LeastBending::Local(_) => {
-                let [low, side] = WORKING_CUBE;
-                extract_graded([low; 3], side, &CellSizes::of_surface(points, cells_between), &mut eval)?
-            }
-        };
-        Ok(mesh.keep_large(MIN_PART))
-    };
-    those_found((&plates, &trees, rough).into_par_iter().map(surface).collect())
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::Shape;
 
     #[test]
     fn the_best_shape_is_the_one_that_fits_the_points() {
@@ -295,55 +210,10 @@ mod tests {
 
     #[test]
     fn grids_are_finer_only_where_points_are_dense() {
-        let at = |n: usize, area: f64| fine_enough(PLATE_RESOLUTION, area, n);
+        let at = |n: usize, area: f64| fine_enough(64, area, n);
         // 300 points of most shapes keep the usual grid, those of a blade do not; nor do more points of a small shape.
-        assert_eq!([at(300, 2.2), at(300, 0.56), at(1200, 2.2), at(5000, 2.2)], [PLATE_RESOLUTION; 4]);
-        assert!(at(300, 0.12) > PLATE_RESOLUTION && at(1200, 0.56) > PLATE_RESOLUTION);
-    }
-
-    /// More points come out no worse, on both sides of the limit of one plate and of the Gauss formula's sources, up to
-    /// what the grid of 64 cubes is off by itself, which all of up to 1,200 points share.
-    #[test]
-    fn more_points_make_a_better_shape() {
-        let torus = Shape::Torus { major: 0.34, minor: 0.14 };
-        let off = |n: usize| {
-            let points = torus.sample(n, 3).0;
-            let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
-            let plate = plate_shapes(&points, None, &rough).unwrap().remove(0);
-            let samples = sample_surface(&plate, 4000, 1).unwrap().points;
-            samples.iter().map(|&x| f64::from(torus.sdf(x).abs())).sum::<f64>() / 4000.0
-        };
-        let each = [250, 500, 1000, 2000].map(off);
-        assert!(each.is_sorted_by(|a, b| *b < 1.1 * a), "{each:?}");
-        assert!(each[0] < 1e-3 && each[3] < 0.6 * each[0], "{each:?}");
-    }
-
-    /// One half of the torus has four times as many points a square as the other. The genus of the surface between
-    /// points counts the false handles; with the same weight for all dipoles there are about 20 of them.
-    #[test]
-    fn density_that_jumps_makes_no_handles() {
-        let all = Shape::Torus { major: 0.34, minor: 0.14 }.sample(2400, 3).0;
-        let kept = (0..all.len()).filter(|&i| all[i][0] > 0.0 || i % 4 == 0);
-        let points: Vec<[f32; 3]> = kept.map(|i| all[i]).collect();
-        let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
-        let plates = plate_shapes(&points, None, &rough).unwrap();
-        let genus = [&rough[0], &plates[0]].map(|mesh| mesh.topology().genus);
-        assert_eq!(genus, [Some(1); 2]);
-    }
-
-    /// 0.01 thick, half a cube of the usual grids.
-    #[test]
-    fn a_blade_comes_out_whole() {
-        let blade = Shape::RoundedBox { half: [0.5, 0.05, 0.005], round: 0.002 };
-        let points = blade.sample(600, 1).0;
-        let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
-        let plates = plate_shapes(&points, None, &rough).unwrap();
-        for (mesh, limit) in [(&rough[0], 0.003), (&plates[0], 0.002)] {
-            let topology = mesh.topology();
-            let off = TriangleBvh::new(mesh).unwrap().nearest_all(&points);
-            let mean = off.iter().map(|hit| hit.dist_sq.sqrt()).sum::<f64>() / points.len() as f64;
-            assert!(topology.components == 1 && mean < limit, "{} {mean}", topology.components);
-        }
+        assert_eq!([at(300, 2.2), at(300, 0.56), at(1200, 2.2), at(5000, 2.2)], [64; 4]);
+        assert!(at(300, 0.12) > 64 && at(1200, 0.56) > 64);
     }
 
     #[test]
@@ -354,33 +224,5 @@ mod tests {
         assert!(found.unwrap() == [mesh(1.0), mesh(2.0)]);
         let none = those_found(vec![Err(error("first")), Err(error("second"))]).unwrap_err();
         assert!(none.to_string().contains("first"), "{none}");
-    }
-
-    /// A dome without a floor: the plate alone would go on outward for ever.
-    #[test]
-    fn the_plate_rules_near_the_points_and_the_rough_surface_elsewhere() {
-        let dome: Vec<[f32; 3]> =
-            fibonacci_sphere(240).into_iter().filter(|p| p[2] > 0.2).map(|p| p.map(|x| 0.45 * x)).collect();
-        let rough = gauss_shapes(&dome, None, &[0.5, 1.0], 0.05, 0).unwrap();
-        let plates = plate_shapes(&dome, None, &rough).unwrap();
-        assert_eq!(plates.len(), 2);
-        for (plate, rough) in plates.iter().zip(&rough) {
-            let tree = TriangleBvh::new(rough).unwrap();
-            let (_, dist_sq) = nearest_points(&plate.verts, &dome);
-            let spacing = spacing(&dome).into_iter().fold(0.0, f64::max) as f32;
-            let (mut near, mut far) = (0, 0);
-            for (v, d) in plate.verts.iter().zip(&dist_sq) {
-                // The sphere, where the points are; the rough surface, to a cube, where none is.
-                let radius = v.iter().map(|x| x * x).sum::<f32>().sqrt();
-                if d.sqrt() < 0.4 * spacing && v[2] > 0.15 {
-                    near += 1;
-                    assert!((radius - 0.45).abs() < 0.01, "{v:?}");
-                } else if d.sqrt() > TRUST.to * spacing {
-                    far += 1;
-                    assert!(tree.nearest(*v).dist_sq.sqrt() < 0.01, "{v:?}");
-                }
-            }
-            assert!(near > 200 && far > 200, "{near} {far}");
-        }
     }
 }

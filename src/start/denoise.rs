@@ -16,6 +16,7 @@
 
 use super::forecast::{Forecast, covariances, forecasts};
 use super::plate::{MAX_CENTRES, System, directions};
+use crate::geometry::median;
 use nalgebra::Matrix4;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
@@ -147,9 +148,8 @@ fn on_surface(system: &System, points: &[[f32; 3]], centres: &[[f64; 3]], gradie
 /// plate of unit amplitude, times the amplitude that its forecasts speak for. That is taken from their median, for
 /// edges, too, are foreseen badly.
 fn noise(smoothing: f64, forecasts: &[Forecast]) -> f64 {
-    let mut squares: Vec<f64> = forecasts.iter().map(|f| f.error.powi(2) / f.variance).collect();
-    let middle = squares.len() / 2;
-    let amplitude = *squares.select_nth_unstable_by(middle, f64::total_cmp).1 / MEDIAN_SQUARE;
+    let squares: Vec<f64> = forecasts.iter().map(|f| f.error.powi(2) / f.variance).collect();
+    let amplitude = median(squares) / MEDIAN_SQUARE;
     (smoothing * amplitude).sqrt()
 }
 

@@ -12,27 +12,29 @@
 //! expects the same area of every point. With W = diag(a_j) the system is that of A W A^T, and mu = W A^T xi.
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{KdTree, farthest_point_sample, spacing};
+use crate::geometry::{KdTree, farthest_point_sample, median, neighbour_spacing};
 use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
 
 /// Sources at most; larger clouds are thinned to evenly spread points, for the system costs O(n^3). More do not help.
 const MAX_SOURCES: usize = 1500;
-/// Radius of a dipole at least (working frame): points closer than f32 can tell apart have no spacing.
+/// Radius of a dipole at least (working frame): points closer than f32 can tell apart have a neighbour
+/// spacing of 0.
 const MIN_RADIUS: f64 = 1e-6;
-/// The area of a point at least, over that of a point with the mean spacing: points that coincide still have a dipole,
-/// without which the diagonal of the system could vanish.
+/// The area of a point at least, over that of a point with the mean neighbour spacing: points that coincide still have
+/// a dipole, without which the diagonal of the system could vanish.
 const MIN_AREA: f64 = 1e-6;
-/// The number of nearest points, itself among them, that the spacing of a point is averaged over for its area.
+/// The number of nearest points, itself among them, that the neighbour spacing of a point is averaged over for its
+/// area.
 const AVERAGED: usize = 16;
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
 /// Sources whose kernels are in memory at the same time while the system is built.
 const SLAB: usize = 128;
 
-/// The area that a point stands for, in squares of its spacing: of points spread at random, the seven nearest are on
-/// average 1.05 roots of that area away.
+/// The area that a point stands for, in squares of its neighbour spacing: of points spread at random, the seven nearest
+/// are on average 1.05 roots of that area away.
 const AREA: f64 = 0.91;
 /// The lowest level that is taken for given normals, see [`GaussField::of_normals`].
 const LEAST_LEVEL: f32 = 0.25;
@@ -49,7 +51,7 @@ pub struct GaussField {
 impl GaussField {
     /// Solves for the dipoles of `points` (n x 3, working frame).
     ///
-    /// `radius` is that within which a dipole is smoothed, in local point spacings; `regularity` is alpha - 1
+    /// `radius` is that within which a dipole is smoothed, in neighbour spacings; `regularity` is alpha - 1
     /// above, larger is smoother and forgives noise. Points beyond 1,500 are thinned first; `seed` chooses where
     /// thinning starts.
     ///
@@ -73,7 +75,7 @@ impl GaussField {
             let of = |all: &[[f32; 3]]| chosen.iter().map(|&i| all[i as usize]).collect::<Vec<_>>();
             return Self::of_normals(&of(points), &of(normals), radius, seed);
         }
-        let spacing = spacing(points);
+        let spacing = neighbour_spacing(points);
         let column = |f: &dyn Fn(usize) -> f64| (0..points.len()).map(|j| f(j) as f32).collect::<Vec<f32>>();
         let sources = std::array::from_fn(|c| match c {
             0..=2 => column(&|j| f64::from(points[j][c])),
@@ -89,9 +91,7 @@ impl GaussField {
     pub fn at_points(&self) -> f32 {
         let points: Vec<[f32; 3]> =
             (0..self.sources[0].len()).map(|j| [0, 1, 2].map(|c| self.sources[c][j])).collect();
-        let mut values = self.value(&points);
-        values.sort_by(f32::total_cmp);
-        self.level - values[values.len() / 2]
+        self.level - median(self.value(&points))
     }
 
     fn fit_thinned(
@@ -110,7 +110,7 @@ impl GaussField {
             points
         };
         let n = points.len();
-        let spacing = spacing(points);
+        let spacing = neighbour_spacing(points);
         let widths: Vec<f64> = spacing.iter().map(|s| (f64::from(radius) * s).max(MIN_RADIUS)).collect();
         let areas = relative_areas(points, &spacing);
 
@@ -171,9 +171,9 @@ impl GaussField {
     }
 }
 
-/// The areas that `points` (n x 3) stand for, over that of a point with the mean spacing (n): squares of their
-/// `spacing` (n), which is averaged over the 16 nearest points first, as that of a single point of an even cloud
-/// scatters. 1 for all points if they all coincide.
+/// The areas that `points` (n x 3) stand for, over that of a point with the mean neighbour spacing (n): squares of
+/// their neighbour `spacing` (n), which is averaged over the 16 nearest points first, as that of a single point of an
+/// even cloud scatters. 1 for all points if they all coincide.
 fn relative_areas(points: &[[f32; 3]], spacing: &[f64]) -> Vec<f64> {
     let mean = spacing.iter().sum::<f64>() / spacing.len() as f64;
     if mean <= 0.0 {
@@ -287,14 +287,14 @@ mod tests {
 
     /// The formula as it is written, with every matrix in full.
     fn naive(points: &[[f32; 3]], width: f64, regularity: f64, at: &[[f32; 3]]) -> Vec<f64> {
-        let widths: Vec<f64> = spacing(points).iter().map(|s| width * s).collect();
+        let widths: Vec<f64> = neighbour_spacing(points).iter().map(|s| width * s).collect();
         let kernel = |x: &[f32; 3], y: &[f32; 3], w: f64| {
             let d: [f64; 3] = std::array::from_fn(|i| f64::from(x[i]) - f64::from(y[i]));
             let r = d.iter().map(|d| d * d).sum::<f64>().sqrt().max(w);
             d.map(|d| -d / (4.0 * std::f64::consts::PI * r.powi(3)))
         };
         let n = points.len();
-        let own = spacing(points);
+        let own = neighbour_spacing(points);
         let mean = own.iter().sum::<f64>() / n as f64;
         let local = |p: &[f32; 3]| {
             let mut near: Vec<usize> = (0..n).collect();

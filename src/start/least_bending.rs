@@ -6,7 +6,8 @@ use super::local_plates::LocalPlates;
 use super::plate::{MAX_CENTRES, System, ThinPlate, directions};
 use crate::error::Error;
 
-/// Points up to which the surface of least bending is worth its time, some milliseconds a point.
+/// Points up to which the surface of least bending is worth its time, which grows with their number
+/// (`benches/method.md`).
 pub(crate) const MAX_PLATE_POINTS: usize = 1 << 18;
 
 /// A function that is 0 at the points of a cloud, has about unit gradient there, and bends little.
@@ -58,7 +59,7 @@ impl LeastBending {
     }
 
     /// Values at `x` (m x 3), whose nearest points are `nearest` (m): negative inside, near the points about the signed
-    /// distance; NaN where no plate reaches, which is beyond some spacings of the points only.
+    /// distance; NaN where no plate reaches, which is beyond some neighbour spacings of the points only.
     pub fn value(&self, x: &[[f32; 3]], nearest: &[u32]) -> Vec<f32> {
         match self {
             Self::Whole(plate) => plate.value(x),

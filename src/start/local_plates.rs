@@ -13,7 +13,7 @@ use super::forecast::{Forecast, covariances, forecasts};
 use super::plate::{System, ThinPlate, directions};
 use crate::error::Error;
 use crate::geometry::vec3::distance;
-use crate::geometry::{KdTree, spacing};
+use crate::geometry::{KdTree, neighbour_spacing};
 use rayon::prelude::*;
 
 /// Points of a ball, its centre among them.
@@ -22,7 +22,7 @@ const GROUP: usize = 100;
 const COVERED: f64 = 0.7;
 /// The radius of a ball over the distance to its farthest point, so that this point's weight is not quite 0.
 const MARGIN: f64 = 1.0001;
-/// A place is near a point if it is within this many spacings of the point.
+/// A place is near a point if it is within this many neighbour spacings of the point.
 const REACH: f64 = 2.5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 256;
@@ -160,8 +160,8 @@ impl LocalPlates {
     }
 
     /// f at places `x` (m x 3): negative inside, and about the signed distance near the points. `nearest` (m) are the
-    /// points nearest to each. NaN where no plate reaches: all within two and a half spacings of a point that is not
-    /// alone do.
+    /// points nearest to each. NaN where no plate reaches: all within two and a half neighbour spacings of a point that
+    /// is not alone do.
     ///
     /// # Panics
     /// If there is not one nearest point a place.
@@ -224,7 +224,7 @@ fn cover(points: &[[f32; 3]], size: usize) -> Vec<Ball> {
 
 impl Near {
     fn of(balls: &[Ball], points: &[[f32; 3]]) -> Self {
-        let reach: Vec<f64> = spacing(points).into_iter().map(|s| REACH * s).collect();
+        let reach: Vec<f64> = neighbour_spacing(points).into_iter().map(|s| REACH * s).collect();
         let tree = KdTree::new(points);
         // A ball is near points whose reach leads into it. Spacings differ less across a ball than the ball is large;
         // a point whose reach is larger than the ball is one that no place near belongs to.
@@ -270,7 +270,7 @@ mod tests {
         (points, plates)
     }
 
-    /// Places within some spacings of a cloud, and the nearest points of each.
+    /// Places within some neighbour spacings of a cloud, and the nearest points of each.
     fn places(points: &[[f32; 3]], count: usize, off: f32) -> (Vec<[f32; 3]>, Vec<u32>) {
         let away = Shape::Sphere { radius: f64::from(off) }.sample(count, 9).0;
         let step = points.len() / count + 1;
@@ -306,7 +306,7 @@ mod tests {
         #[test]
         fn no_ball_that_reaches_a_place_is_forgotten(n in 120usize..500, seed: u64, off in 0.0f32..0.05) {
             let (points, plates) = fitted(n, seed);
-            let reach = REACH * spacing(&points).into_iter().fold(f64::INFINITY, f64::min);
+            let reach = REACH * neighbour_spacing(&points).into_iter().fold(f64::INFINITY, f64::min);
             let (x, nearest) = places(&points, 50, off.min(0.99 * reach as f32));
             let all: Vec<u32> = (0..plates.plates.len() as u32).collect();
             for (got, x) in plates.value(&x, &nearest).into_iter().zip(x) {
@@ -342,7 +342,7 @@ mod tests {
             let along = |i: usize| [0, 1, 2].map(|k| from[k] + i as f32 * 1e-4 * (to[k] - from[k]));
             let x: Vec<[f32; 3]> = (0..10_000).map(along).collect();
             let (nearest, dist_sq) = nearest_points(&x, &points);
-            let spacing = spacing(&points);
+            let spacing = neighbour_spacing(&points);
             let values = plates.value(&x, &nearest);
             let near = |i: usize| f64::from(dist_sq[i].sqrt()) < REACH * 0.5 * spacing[nearest[i] as usize];
             for i in (1..x.len()).filter(|&i| near(i) && near(i - 1)) {

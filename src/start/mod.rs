@@ -10,20 +10,24 @@ mod least_bending;
 mod local_plates;
 mod outliers;
 mod plate;
+mod plate_shapes;
 mod ramp;
 mod resolution;
 mod sampling;
 mod sides;
+mod uneven;
 
 #[cfg(test)]
 pub(crate) use candidates::gauss_shape;
-pub(crate) use candidates::{best_fitting, gauss_shapes, plate_shapes};
+pub(crate) use candidates::{best_fitting, gauss_shapes};
 pub(crate) use denoise::{DENOISED_POINTS, Denoised, denoise};
 pub(crate) use fit::ShapeFit;
 pub(crate) use gauss::GaussField;
 pub(crate) use least_bending::{LeastBending, MAX_PLATE_POINTS};
 pub use outliers::{Suspicion, find_outliers};
+pub(crate) use plate_shapes::plate_shapes;
 pub(crate) use ramp::Ramp;
 pub(crate) use resolution::{USUAL_AREA, resolution_for_area};
-pub use sampling::{Sampling, Uneven};
+pub use sampling::Sampling;
 pub use sides::{contradicting, facing};
+pub use uneven::Uneven;

@@ -1,7 +1,7 @@
 //! Points that belong to no surface: strays far from all others, and far off the surface that those suggest.
 
-use crate::geometry::{KdTree, Normalizer, Position};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, median, ranked};
+use nalgebra::Vector3;
 
 /// A point's *reach* is the mean distance to so many of its nearest points.
 const REACHED: usize = 4;
@@ -103,9 +103,7 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
         others(i).take(REACHED).map(|&j| (at(j as usize) - at(i)).norm()).sum::<f64>() / REACHED as f64
     };
     let reach: Vec<f64> = (0..unit.len()).map(reach_of).collect();
-    let mut sorted = reach.clone();
-    sorted.sort_by(f64::total_cmp);
-    let median = sorted[sorted.len() / 2];
+    let median = median(reach.clone());
     if median <= 0.0 {
         return none();
     }
@@ -118,8 +116,7 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
             return false;
         }
         let mut around: Vec<f64> = others(i).map(|&j| reach[j as usize]).collect();
-        around.sort_by(f64::total_cmp);
-        let usual = around[USUAL_RANK].max(median);
+        let usual = ranked(&mut around, USUAL_RANK).max(median);
         let farther = reach[i] / usual;
         if farther >= MIN_LOST_FACTOR || farther < limits.farther {
             return farther >= MIN_LOST_FACTOR;
@@ -134,11 +131,8 @@ fn strays<P: Position>(points: &[P], suspicion: Suspicion) -> Vec<bool> {
 
 /// How far a point is off the plane through others that fits these best.
 fn off_plane(x: Vector3<f64>, others: impl Iterator<Item = Vector3<f64>> + Clone) -> f64 {
-    let count = others.clone().count() as f64;
-    let mean = others.clone().sum::<Vector3<f64>>() / count;
-    let covariance = others.fold(Matrix3::zeros(), |sum, p| sum + (p - mean) * (p - mean).transpose());
-    let axes = SymmetricEigen::new(covariance);
-    axes.eigenvectors.column(axes.eigenvalues.imin()).dot(&(x - mean)).abs()
+    let (mean, axes) = PrincipalAxes::of_points(others);
+    axes.normal().dot(&(x - mean)).abs()
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! What kind of sampling points are: of a surface, of curves, of a volume, of parts far apart.
 
-use crate::geometry::vec3::{dot, sub};
-use crate::geometry::{KdTree, Normalizer, Position};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use super::uneven::{Uneven, uneven};
+use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, median};
+use nalgebra::Vector3;
 
 /// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
@@ -25,16 +25,6 @@ pub struct Sampling {
     pub uneven: Option<Uneven>,
 }
 
-/// How unevenly points lie; see [`Sampling::uneven`].
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Uneven {
-    /// The gap between slices or lines, of the distance between neighbours on them.
-    pub ratio: f64,
-    /// Factors for the axes that make the points more even, as
-    /// [`Hints::anisotropy`](crate::reconstruct::Hints::anisotropy) takes them.
-    pub anisotropy: [f64; 3],
-}
-
 /// Neighbours that make a small neighbourhood, which curves are told by.
 const FEW_SHAPED: usize = 6;
 /// Neighbours that make a large neighbourhood, which curves and volumes are told by.
@@ -44,7 +34,7 @@ const MAX_FEW_CURVE_EXTENT: f64 = 0.2;
 /// The same of large ones, as curves bend.
 const MAX_MORE_CURVE_EXTENT: f64 = 0.4;
 /// In a volume the median ratio of the third to the first extent of large neighbourhoods is above this. Thin parts of
-/// shapes have up to 0.46.
+/// shapes come near it (`benches/accuracy.md`, constants).
 const MIN_VOLUME_EXTENT: f64 = 0.5;
 /// The fewest points of which curves and volumes are told from surfaces; fewer look like any of them.
 const MIN_POINTS_OF_A_KIND: usize = 100;
@@ -52,14 +42,6 @@ const MIN_POINTS_OF_A_KIND: usize = 100;
 const APART: f64 = 6.0;
 /// The least share of the points that makes a part.
 const MIN_PART_SHARE: f64 = 0.05;
-
-/// Slices or lines farther apart than this many times the distance between neighbours on them are uneven. Also the
-/// factor (lines) or divisor (slices) that is proposed for their axis then, whatever the measured ratio.
-const UNEVEN: f64 = 5.0;
-/// Points lie in slices across an axis if the median cosine between it and the ways to near neighbours is below this.
-const MAX_ACROSS: f64 = 0.15;
-/// Points lie on lines along an axis if that cosine is above this.
-const MIN_ALONG: f64 = 0.95;
 
 impl Sampling {
     /// Looks at the neighbourhoods of points (n x 3, distinct, any frame); nothing can be told of fewer than 20.
@@ -74,12 +56,10 @@ impl Sampling {
         let tree = KdTree::new(&unit);
         let near = tree.k_nearest(&unit, k);
         let at = |&i: &u32| Vector3::from(unit[i as usize].map(f64::from));
-        let median = |mut values: Vec<f64>| {
-            values.sort_by(f64::total_cmp);
-            values[values.len() / 2]
-        };
         let extents = |count: usize| -> Vec<[f64; 3]> {
-            near.chunks_exact(k).map(|row| extents(row[..(count + 1).min(k)].iter().map(at))).collect()
+            let of =
+                |row: &[u32]| PrincipalAxes::of_points(row[..(count + 1).min(k)].iter().map(at)).1.extents();
+            near.chunks_exact(k).map(of).collect()
         };
         let share = |extents: &[[f64; 3]], axis: usize| {
             median(extents.iter().map(|e| e[axis] / e[0].max(f64::MIN_POSITIVE)).collect())
@@ -102,54 +82,6 @@ impl Sampling {
             parts: parts(&tree, &unit, (APART * reach) as f32),
         }
     }
-}
-
-/// Whether points (n x 3), each with its `k` nearest in a row of `near` (itself first), lie in slices or on lines that
-/// are far apart.
-fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven> {
-    let median = |mut values: Vec<f64>| {
-        values.sort_by(f64::total_cmp);
-        values[values.len() / 2]
-    };
-    let ways: Vec<([f64; 3], f64)> = near
-        .chunks_exact(k)
-        .map(|row| {
-            let way = sub(unit[row[1] as usize], unit[row[0] as usize]).map(f64::from);
-            let len = dot(way, way).sqrt();
-            (way.map(|x| x.abs() / len.max(f64::MIN_POSITIVE)), len)
-        })
-        .collect();
-    let along = median(ways.iter().map(|(_, len)| *len).collect());
-    let cosines = [0, 1, 2].map(|a| median(ways.iter().map(|(way, _)| way[a]).collect()));
-    // The median gap between levels of an axis, if gaps that no spacing explains make up most of its length.
-    let gap = |axis: usize| {
-        let mut levels: Vec<f64> = unit.iter().map(|p| f64::from(p[axis])).collect();
-        levels.sort_by(f64::total_cmp);
-        let steps: Vec<f64> = levels.windows(2).map(|w| w[1] - w[0]).filter(|d| *d > 2.0 * along).collect();
-        let length = levels[levels.len() - 1] - levels[0];
-        (steps.len() > 1 && steps.iter().sum::<f64>() > 0.6 * length).then(|| median(steps) / along)
-    };
-    let far = |ratio: &f64| *ratio > UNEVEN;
-    let slices = (0..3).filter(|&a| cosines[a] < MAX_ACROSS).find_map(|a| Some((a, gap(a).filter(far)?)));
-    let mut anisotropy = [1.0; 3];
-    if let Some(line) = (0..3).find(|&a| cosines[a] > MIN_ALONG) {
-        let ratio = (0..3).filter(|&a| a != line).find_map(|a| gap(a).filter(far))?;
-        anisotropy[line] = UNEVEN;
-        return Some(Uneven { ratio, anisotropy });
-    }
-    let (axis, ratio) = slices?;
-    anisotropy[axis] = 1.0 / UNEVEN;
-    Some(Uneven { ratio, anisotropy })
-}
-
-/// The extents of points along their principal axes, largest first (roots of the variances).
-fn extents(points: impl Iterator<Item = Vector3<f64>> + Clone) -> [f64; 3] {
-    let count = points.clone().count() as f64;
-    let mean = points.clone().sum::<Vector3<f64>>() / count;
-    let covariance = points.fold(Matrix3::zeros(), |sum, p| sum + (p - mean) * (p - mean).transpose());
-    let mut values = SymmetricEigen::new(covariance).eigenvalues.map(|v| v.max(0.0).sqrt());
-    values.as_mut_slice().sort_by(|a, b| b.total_cmp(a));
-    [values[0], values[1], values[2]]
 }
 
 /// The sizes of the large parts that lie apart by more than a distance, largest first.
@@ -201,20 +133,7 @@ mod tests {
         let rings: Vec<[f32; 3]> = (0..500).map(ring).collect();
         let seen = Sampling::of(&rings);
         assert!(seen.on_curves && !seen.fills_volume && seen.parts == [100; 5], "{seen:?}");
-        let uneven = seen.uneven.unwrap();
-        assert!((uneven.ratio - 0.7 / 0.0628).abs() < 0.2, "{uneven:?}");
-        assert_eq!(uneven.anisotropy, [1.0, 1.0, 0.2]);
-        // Closer together they are even enough.
-        let close: Vec<[f32; 3]> = rings.iter().map(|p| [p[0], p[1], 0.3 * p[2]]).collect();
-        assert_eq!(Sampling::of(&close).uneven, None);
-        // Lines along y over hilly ground, measured as a ship does.
-        let line = |i: usize| {
-            let (x, y) = ((i / 100) as f32 + 0.02 * (7.0 * i as f32).sin(), 0.1 * (i % 100) as f32);
-            [x, y, 0.4 * (0.6 * x).sin() * (0.5 * y).cos()]
-        };
-        let lines: Vec<[f32; 3]> = (0..1000).map(line).collect();
-        let uneven = Sampling::of(&lines).uneven.unwrap();
-        assert!(uneven.ratio > 7.0 && uneven.anisotropy == [1.0, 5.0, 1.0], "{uneven:?}");
+        assert!(seen.uneven.is_some());
         // A ball filled in a spiral whose steps have no period.
         let inside = |i: usize| {
             let (a, b, r) = (2.4 * i as f32, (1.3 * i as f32).sin(), ((i % 83) as f32 / 83.0).cbrt());

@@ -2,8 +2,8 @@
 //! face the place from which the points were seen.
 
 use crate::geometry::vec3::{dot, sub};
-use crate::geometry::{KdTree, Normalizer, Position};
-use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes};
+use nalgebra::Vector3;
 use rayon::prelude::*;
 
 /// Neighbours whose normals are compared.
@@ -100,11 +100,9 @@ fn direction(v: [f64; 3]) -> Option<[f64; 3]> {
 
 /// The unit normal of the plane through some points, of either sign.
 fn plane_normal(points: &[[f32; 3]], rows: &[u32]) -> [f64; 3] {
-    let at = |&i: &u32| Vector3::from(points[i as usize].map(f64::from));
-    let mean = rows.iter().map(at).sum::<Vector3<f64>>() / rows.len() as f64;
-    let covariance: Matrix3<f64> = rows.iter().map(|i| (at(i) - mean) * (at(i) - mean).transpose()).sum();
-    let eigen = SymmetricEigen::new(covariance);
-    eigen.eigenvectors.column(eigen.eigenvalues.imin()).into_owned().into()
+    let (_, axes) =
+        PrincipalAxes::of_points(rows.iter().map(|&i| Vector3::from(points[i as usize].map(f64::from))));
+    axes.normal().into()
 }
 
 #[cfg(test)]

@@ -16,7 +16,7 @@ mod shade;
 
 use super::failure::Failure;
 use super::files::is_pipe;
-use super::info::spacing;
+use super::info::nearest_distances;
 use camera::Camera;
 pub use image::Image;
 use raster::Buffer;
@@ -146,8 +146,8 @@ impl Scene {
     /// A picture of points.
     pub fn points<P: Position>(&self, points: &[P]) -> Image {
         let points = self.frame.forward(points);
-        let radius =
-            spacing(&points).map_or(0.01, |[_, middle, _]| (0.3 * middle).clamp(0.0025, 0.0105)) as f32;
+        let radius = nearest_distances(&points)
+            .map_or(0.01, |[_, middle, _]| (0.3 * middle).clamp(0.0025, 0.0105)) as f32;
         let mut buffer = Buffer::new(self.panel * SUPER);
         for p in points.into_iter().filter(seen) {
             buffer.ball(&self.camera, p, radius);

@@ -9,7 +9,7 @@
 
 use super::{FieldFn, Isosurface, interpolate, march};
 use crate::error::{Error, ErrorKind};
-use crate::geometry::{PointTree, TriangleMesh, evened, spacing};
+use crate::geometry::{PointTree, TriangleMesh, evened, neighbour_spacing};
 use rayon::prelude::*;
 
 /// The most that the side of the cells may grow over a unit of distance. The longest edge of a tetrahedron, sqrt(3),
@@ -72,7 +72,7 @@ impl CellSizes {
         CellSizes { classes: classes.map(|(log, tree)| (log.exp2(), tree)).collect() }
     }
 
-    /// The sizes for a surface through `points` (n x 3, working frame): so many `cells` between neighbouring points.
+    /// The sizes for a surface through `points` (n x 3, working frame): so many `cells` in a neighbour spacing.
     ///
     /// Points on lines that lie far from each other count as the means of [`evened`] that stand for them.
     ///
@@ -82,7 +82,8 @@ impl CellSizes {
     pub fn of_surface(points: &[[f32; 3]], cells: f64) -> Self {
         let even = evened(points);
         let points = even.as_ref().map_or(points, |even| &even.points[..]);
-        let sides: Vec<f64> = spacing(points).into_iter().map(|s| (s / cells).max(MIN_SIDE)).collect();
+        let sides: Vec<f64> =
+            neighbour_spacing(points).into_iter().map(|s| (s / cells).max(MIN_SIDE)).collect();
         CellSizes::near(points, &sides)
     }
 

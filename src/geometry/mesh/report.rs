@@ -261,7 +261,7 @@ mod tests {
     }
 
     /// Sphere, torus and two spheres: the right topology at once, volume and area with an error that falls with the
-    /// square of the spacing.
+    /// square of the spacing of the grid.
     #[test]
     fn known_shapes_converge() {
         use std::f64::consts::PI;

@@ -37,9 +37,9 @@ pub enum StartShape {
 pub struct Start {
     /// Which shape. Default `plate`; the paper does not say, its code starts from a sphere.
     pub shape: StartShape,
-    /// Radius within which a dipole of the Gauss formula is smoothed, in local point spacings. `None` (`auto`) tries
-    /// 0.25, 0.5 and 1 and keeps the one whose shape fits the points best; for clouds of more than 1,024 points it
-    /// takes 0.5. Default `auto`.
+    /// Radius within which a dipole of the Gauss formula is smoothed, in neighbour spacings: mean distances of the
+    /// point to its seven nearest others. `None` (`auto`) tries 0.25, 0.5 and 1 and keeps the one whose shape fits the
+    /// points best; for clouds of more than 1,024 points it takes 0.5. Default `auto`.
     pub dipole_radius: Option<f32>,
     /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
@@ -151,9 +151,9 @@ pub struct Config {
     /// first shape itself. Default `32:60,48:60`, which is 60 steps on 32 cubes a side and then 60 on 48.
     pub stages: Vec<Stage>,
     /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another area they
-    /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the spacing of
-    /// the points, and about as many cubes that the surface crosses. The first shape itself is taken from grids by its
-    /// own rule. `None` (`off`) trains on the grids of `stages` whatever the area, as the paper does. Default 2.2.
+    /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the distances
+    /// between points, and about as many cubes that the surface crosses. The first shape itself is taken from grids by
+    /// its own rule. `None` (`off`) trains on the grids of `stages` whatever the area, as the paper does. Default 2.2.
     pub reference_area: Option<f64>,
     /// The active part of the grid.
     pub band: Band,
@@ -173,8 +173,8 @@ pub struct Config {
     /// Largest Euclidean norm of the gradient of the loss by the field's parameters; a longer one is scaled down to it.
     /// Default `off`, which is `None`.
     pub clip: Option<f64>,
-    /// A part of the mesh whose area is below this share of the largest part's area is dropped; 0 keeps all parts.
-    /// Default 0.01, paper 0.
+    /// A part of the mesh whose area is below this share of the largest part's area is dropped; 0 keeps all parts. With
+    /// `weights.bridge`, gaps to such parts are not bridged in the training either. Default 0.01, paper 0.
     pub min_component: f64,
 }
 

@@ -32,7 +32,7 @@ impl Config {
     ///
     /// | option | rule | because |
     /// |---|---|---|
-    /// | resolution of each stage | times s^(1/2), at most 6 times, the finest up to 192 (`reference_area` comes on top: up to 192, or down to half for a large area) | a grid finer than the points resolves nothing, and the spacing of points on a surface falls with s^(1/2); a step's time and memory grow with the square |
+    /// | resolution of each stage | times s^(1/2), at most 6 times, the finest up to 192 (`reference_area` comes on top: up to 192, or down to half for a large area) | a grid finer than the points resolves nothing, and the distance between neighbouring points on a surface falls with s^(1/2); a step's time and memory grow with the square |
     /// | `field.width` | at least 64 s^(1/3), up to 128 | a network of 64 smooths a street of 14,623 points to a blob, on a fine grid just as on a coarse one |
     /// | `field.octaves` | log2(s) / 2 more, at most 3 | an octave for each halving of the detail |
     /// | `surface_samples` | times s, at most 8 times | as many as a step sees points, and more |

@@ -10,7 +10,7 @@ use crate::bsp::SurfaceMap;
 use crate::error::{Error, ErrorKind};
 use crate::field::{FieldPass, FieldValues, FieldVars};
 use crate::gdo::{FaceSamples, deform};
-use crate::geometry::{Isosurface, TetGrid, TriangleBvh};
+use crate::geometry::{Isosurface, TetGrid, TriangleBvh, median};
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
 use crate::random::Random;
@@ -44,9 +44,7 @@ pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<
 /// # Errors
 /// As [`TetGrid::working_frame`].
 pub(in crate::reconstruct) fn lower_to_points(setup: &Setup, state: &mut State) -> Result<bool, Error> {
-    let mut values = state.field.sdf(&setup.cloud);
-    values.sort_by(f32::total_cmp);
-    let middle = values[values.len() / 2];
+    let middle = median(state.field.sdf(&setup.cloud));
     let cube = TetGrid::working_frame(setup.resolution_at(0))?.spacing();
     let outside = setup.shape.is_some() && middle > -0.25 * cube;
     if outside {

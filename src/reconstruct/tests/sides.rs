@@ -18,8 +18,8 @@ fn with(points: &[[f32; 3]], normals: &[[f32; 3]], config: &Config) -> Reconstru
     trainer.finish()
 }
 
-/// The share of places half a spacing in front of the points and behind them, as the normals see them, where the
-/// distance has the right sign.
+/// The share of places half the distance between points in front of the points and behind them, as the normals see
+/// them, where the distance has the right sign.
 fn right(result: &Reconstruction, points: &[[f32; 3]], normals: &[[f32; 3]]) -> f64 {
     let beside = |by: f32| -> f64 {
         let places: Rows =
