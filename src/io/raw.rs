@@ -5,7 +5,8 @@
 
 use super::doubt::Evidence;
 use super::options::{Columns, Raw, ReadOptions};
-use super::{Loaded, Want, check_point};
+use super::precision::check_point;
+use super::{Loaded, Want};
 use crate::{Error, ErrorKind};
 
 /// What rows are taken for unless something speaks against it: x, y, z, intensity.

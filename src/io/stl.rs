@@ -3,8 +3,9 @@
 use std::collections::HashMap;
 use std::io::{self, Write};
 
+use super::precision::check_point;
 use super::text::{Lines, show, three_floats, words, write_floats};
-use super::{Loaded, Want, check_point};
+use super::{Loaded, Want};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 

@@ -1,8 +1,9 @@
 //! VTK, the older ("legacy") format, text or binary: the points of poly data, of unstructured and structured grids with
 //! their normals and attributes, and the places of an image. Binary numbers are big-endian.
 
+use super::precision::check_point;
 use super::text::{Lines, float, integer, not_a_number, show, words};
-use super::{Loaded, Want, check_point};
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 

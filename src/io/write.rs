@@ -3,8 +3,9 @@
 use std::io::{self, Write};
 use std::path::Path;
 
+use super::precision::check_point;
 use super::width::Width;
-use super::{Format, Want, check_point, glb, obj, off, ply, stl, table, write_atomic};
+use super::{Format, Want, glb, obj, off, ply, stl, table, write_atomic};
 use crate::geometry::{Attribute, Bounds, COLOUR, Number, Position, TriangleMesh, are_f32, colours, widened};
 use crate::{Error, ErrorKind};
 

@@ -2,7 +2,8 @@
 //!
 //! Offsets are those of the public header block of the LAS 1.4 specification (R15, ASPRS 2019).
 
-use super::{Loaded, Want, check_point};
+use super::precision::check_point;
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 

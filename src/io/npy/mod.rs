@@ -5,8 +5,9 @@
 
 use super::doubt::Evidence;
 use super::options::{Columns, ReadOptions};
+use super::precision::check_point;
 use super::text::show;
-use super::{Loaded, Want, check_point};
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR};
 use crate::{Error, ErrorKind};
 
@@ -14,9 +15,14 @@ mod header;
 
 use header::Header;
 
-pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
+const MAGIC: &[u8] = b"\x93NUMPY";
 /// Attributes that are read of an array at most.
 const MAX_ATTRIBUTES: usize = 64;
+
+/// Whether the bytes begin like an NPY file.
+pub(super) fn looks_like_npy(bytes: &[u8]) -> bool {
+    bytes.starts_with(MAGIC)
+}
 
 /// Reads n x 3 points.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
@@ -287,7 +293,7 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Error> {
         )
         .advise("fetch the file again")
     };
-    if !bytes.starts_with(MAGIC) {
+    if !looks_like_npy(bytes) {
         return Err(Error::new(ErrorKind::Format, "the file does not begin with the mark of an NPY file")
             .advise("write it with numpy.save(path, points)"));
     }

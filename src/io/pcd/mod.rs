@@ -1,7 +1,8 @@
 //! PCD, the format of the Point Cloud Library: text, binary, and binary packed with LZF.
 
+use super::precision::check_point;
 use super::text::{Lines, float, integer, not_a_number, show, words};
-use super::{Loaded, Want, check_point};
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 

@@ -5,7 +5,9 @@ use std::io;
 use ply_rs::parser::{ParseError, Parser};
 use ply_rs::ply::{BeginList, ElementDef, Encoding, PropertyAccess, PropertyAccessResult, PropertyType};
 
-use super::super::{Loaded, NORMAL_NAMES, Want, check_point, push_fan};
+use super::super::polygon::push_fan;
+use super::super::precision::check_point;
+use super::super::{Loaded, NORMAL_NAMES, Want};
 use super::header::{Header, size};
 use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::{Error, ErrorKind};

@@ -23,6 +23,12 @@ use header::Header;
 /// The two names that the corner list of a face goes by.
 const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
+/// Whether the first line of the bytes is `ply`.
+pub(super) fn looks_like_ply(bytes: &[u8]) -> bool {
+    let line = bytes[..bytes.len().min(64)].split(|b| b"\n\r".contains(b)).next().unwrap_or_default();
+    line.len() < bytes.len() && line.trim_ascii_end() == b"ply"
+}
+
 /// Reads v x 3 positions and, if wanted, polygons cut into f x 3 triangles.
 pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let header = Header::parse(bytes)?;

@@ -2,8 +2,10 @@
 
 use ply_rs::ply::{ElementDef, PropertyType, ScalarType};
 
+use super::super::polygon::push_fan;
+use super::super::precision::{check_point, round_to_floats};
 use super::super::text::{Lines, float, integer, not_a_number, show, words};
-use super::super::{Loaded, NORMAL_NAMES, Want, check_point, push_fan, round_to_floats};
+use super::super::{Loaded, NORMAL_NAMES, Want};
 use super::header::Header;
 use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::geometry::{Attribute, Number};

@@ -9,9 +9,10 @@ use std::io::{self, Write};
 
 use super::doubt::{Doubt, Evidence};
 use super::options::{Columns, ReadOptions};
+use super::precision::{check_point, is_short_float};
 use super::text::{Lines, integer, not_a_number, show, without_byte_order_mark, write_position};
 use super::width::Width;
-use super::{Loaded, Want, check_point, is_short_float};
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
