@@ -45,6 +45,7 @@ mod grid;
 mod las;
 mod npy;
 mod npz;
+mod number;
 mod obj;
 mod off;
 mod options;

@@ -3,6 +3,7 @@
 use std::collections::HashMap;
 use std::io::{self, Write};
 
+use super::number::{ByteOrder, NumberType, unsigned};
 use super::precision::check_point;
 use super::text::{Lines, show, three_floats, words, write_floats};
 use super::{Loaded, Want};
@@ -65,8 +66,7 @@ pub(super) fn write_ascii(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Resul
 }
 
 fn count(bytes: &[u8]) -> Option<u64> {
-    let count = bytes.get(80..HEADER)?;
-    Some(u64::from(u32::from_le_bytes([count[0], count[1], count[2], count[3]])))
+    unsigned(bytes, 80, 4)
 }
 
 fn size_fits(bytes: &[u8]) -> bool {
@@ -99,11 +99,11 @@ fn read_binary(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut corners = Corners::default();
     let rows = &rows.as_chunks::<ROW>().0[..n as usize];
     for (i, row) in rows.iter().enumerate() {
-        let number = |at: usize| f32::from_le_bytes([row[at], row[at + 1], row[at + 2], row[at + 3]]);
+        let number = |at: usize| NumberType::F32.read(&row[at..], ByteOrder::Little);
         let mut face = [0; 3];
         for (corner, index) in face.iter_mut().enumerate() {
             let at = 12 + 12 * corner;
-            let point = [number(at), number(at + 4), number(at + 8)].map(f64::from);
+            let point = [number(at), number(at + 4), number(at + 8)];
             check_point(point, want, "triangle", i)?;
             *index = corners.add(point)?;
         }

@@ -1,6 +1,7 @@
 //! VTK, the older ("legacy") format, text or binary: the points of poly data, of unstructured and structured grids with
 //! their normals and attributes, and the places of an image. Binary numbers are big-endian.
 
+use super::number::{ByteOrder, NumberType};
 use super::precision::check_point;
 use super::text::{Lines, float, integer, not_a_number, show, words};
 use super::{Loaded, Want};
@@ -46,16 +47,16 @@ impl<'a> Rest<'a> {
     }
 
     /// So many numbers of a type.
-    fn numbers(&mut self, count: usize, number: &Binary, binary: bool) -> Option<Vec<f64>> {
+    fn numbers(&mut self, count: usize, number: NumberType, binary: bool) -> Option<Vec<f64>> {
         let left = self.bytes.len() - self.at;
         if !binary {
             // Each takes a byte at least, so a false count reserves nothing.
             return (count <= left).then(|| (0..count).map(|_| float(self.next_word()?)).collect())?;
         }
-        let bytes = count.checked_mul(number.size).filter(|bytes| *bytes <= left)?;
+        let bytes = count.checked_mul(number.size()).filter(|bytes| *bytes <= left)?;
         let body = &self.bytes[self.at..self.at + bytes];
         self.at += bytes;
-        Some(body.chunks_exact(number.size).map(|bytes| number.read(bytes)).collect())
+        Some(body.chunks_exact(number.size()).map(|bytes| number.read(bytes, ByteOrder::Big)).collect())
     }
 
     /// The next line that is not empty.
@@ -145,9 +146,9 @@ fn points(parts: &[&[u8]], rest: &mut Rest<'_>, binary: bool, want: Want) -> Res
     let Some(count) = count else { return Err(wrong("POINTS is followed by no count")) };
     let name = parts.get(2).map_or(Vec::new(), |w| w.to_ascii_lowercase());
     let body = &rest.bytes[rest.at..];
-    let number = Binary::of(&name).ok_or_else(|| wrong(format!("{} is no type of numbers", show(&name))))?;
+    let number = number_type(&name).ok_or_else(|| wrong(format!("{} is no type of numbers", show(&name))))?;
     // In text a number takes two bytes with what separates it.
-    let least = if binary { number.size as u64 } else { 2 };
+    let least = if binary { number.size() as u64 } else { 2 };
     let needed = count.checked_mul(3).and_then(|n| n.checked_mul(least));
     if needed.is_none_or(|n| n > body.len() as u64 + 1) || (binary && needed > Some(body.len() as u64)) {
         return Err(Error::new(
@@ -161,12 +162,12 @@ fn points(parts: &[&[u8]], rest: &mut Rest<'_>, binary: bool, want: Want) -> Res
     loaded.verts.reserve_exact(count);
     if binary {
         for i in 0..count {
-            let row = &body[i * 3 * number.size..];
-            let point = [0, 1, 2].map(|a| number.read(&row[a * number.size..]));
+            let row = &body[i * 3 * number.size()..];
+            let point = [0, 1, 2].map(|a| number.read(&row[a * number.size()..], ByteOrder::Big));
             check_point(point, want, "point", i)?;
             loaded.verts.push(point);
         }
-        rest.at += count * 3 * number.size;
+        rest.at += count * 3 * number.size();
         return Ok(loaded);
     }
     let (mut point, mut axis) = ([0.0; 3], 0);
@@ -204,16 +205,16 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
     let points = loaded.verts.len();
     // Of what the numbers are: of points, or of cells, which are passed over.
     let (mut of_points, mut tuples) = (false, 0);
-    let int = Binary::of(b"int")?;
+    let int = number_type(b"int")?;
     while let Some(line) = rest.next_words() {
         let parts: Vec<&[u8]> = words(line).collect();
         let count = |i: usize| usize::try_from(parts.get(i).and_then(|w| integer(w))?).ok();
-        let kind = |i: usize| parts.get(i).and_then(|w| Binary::of(&w.to_ascii_lowercase()));
+        let kind = |i: usize| parts.get(i).and_then(|w| number_type(&w.to_ascii_lowercase()));
         let name = |word: &[u8]| String::from_utf8_lossy(word).into_owned();
-        let mut put = |name: String, width: usize, number: &Binary, values: Vec<f64>, colour: bool| {
+        let mut put = |name: String, width: usize, number: NumberType, values: Vec<f64>, colour: bool| {
             let fits = width.checked_mul(points) == Some(values.len());
             if of_points && want == Want::Attributes && fits {
-                push(&mut loaded.attributes, &name, width, number.kept(), &values, colour);
+                push(&mut loaded.attributes, &name, width, number.kept_as(), &values, colour);
             }
         };
         match parts[0].to_ascii_uppercase().as_slice() {
@@ -223,16 +224,16 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
                 let next: Vec<&[u8]> = words(rest.next_words().unwrap_or_default()).collect();
                 if next.first().is_some_and(|w| w.eq_ignore_ascii_case(b"OFFSETS")) {
                     // Since version 5.
-                    let offsets = Binary::of(&next.get(1)?.to_ascii_lowercase())?;
-                    rest.numbers(first, &offsets, binary)?;
+                    let offsets = number_type(&next.get(1)?.to_ascii_lowercase())?;
+                    rest.numbers(first, offsets, binary)?;
                     let next: Vec<&[u8]> = words(rest.next_words()?).collect();
-                    rest.numbers(second, &Binary::of(&next.get(1)?.to_ascii_lowercase())?, binary)?;
+                    rest.numbers(second, number_type(&next.get(1)?.to_ascii_lowercase())?, binary)?;
                 } else {
                     (rest.at, rest.line) = here;
-                    rest.numbers(second, &int, binary)?;
+                    rest.numbers(second, int, binary)?;
                 }
             }
-            b"CELL_TYPES" => drop(rest.numbers(count(1)?, &int, binary)?),
+            b"CELL_TYPES" => drop(rest.numbers(count(1)?, int, binary)?),
             b"POINT_DATA" => (of_points, tuples) = (count(1)? == points, count(1)?),
             b"CELL_DATA" => (of_points, tuples) = (false, count(1)?),
             b"SCALARS" => {
@@ -241,22 +242,22 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
                 if !rest.next_words()?.to_ascii_uppercase().starts_with(b"LOOKUP_TABLE") {
                     (rest.at, rest.line) = here;
                 }
-                let values = rest.numbers(tuples.checked_mul(width)?, &number, binary)?;
-                let colour = width >= 3 && number.size == 1 && !number.float;
-                put(name(parts.get(1)?), width, &number, values, colour);
+                let values = rest.numbers(tuples.checked_mul(width)?, number, binary)?;
+                let colour = width >= 3 && number.size() == 1;
+                put(name(parts.get(1)?), width, number, values, colour);
             }
             b"COLOR_SCALARS" => {
                 let (width, number) =
-                    (count(2)?, Binary::of(if binary { b"unsigned_char" } else { b"float" })?);
-                let values = rest.numbers(tuples.checked_mul(width)?, &number, binary)?;
-                put(name(parts.get(1)?), width, &number, values, width >= 3);
+                    (count(2)?, number_type(if binary { b"unsigned_char" } else { b"float" })?);
+                let values = rest.numbers(tuples.checked_mul(width)?, number, binary)?;
+                put(name(parts.get(1)?), width, number, values, width >= 3);
             }
             b"LOOKUP_TABLE" => {
-                drop(rest.numbers(count(2)?.checked_mul(4)?, &Binary::of(b"unsigned_char")?, binary)?);
+                drop(rest.numbers(count(2)?.checked_mul(4)?, number_type(b"unsigned_char")?, binary)?);
             }
             b"NORMALS" => {
                 let number = kind(2)?;
-                let values = rest.numbers(tuples.checked_mul(3)?, &number, binary)?;
+                let values = rest.numbers(tuples.checked_mul(3)?, number, binary)?;
                 if of_points && want != Want::Mesh {
                     let rows = values.as_chunks::<3>().0;
                     loaded.normals = rows.iter().map(|n| n.map(|x| x as f32)).collect();
@@ -265,24 +266,24 @@ fn data(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> O
             b"VECTORS" | b"TENSORS" => {
                 let width = if parts[0].eq_ignore_ascii_case(b"VECTORS") { 3 } else { 9 };
                 let number = kind(2)?;
-                let values = rest.numbers(tuples.checked_mul(width)?, &number, binary)?;
-                put(name(parts.get(1)?), width, &number, values, false);
+                let values = rest.numbers(tuples.checked_mul(width)?, number, binary)?;
+                put(name(parts.get(1)?), width, number, values, false);
             }
             b"TEXTURE_COORDINATES" => {
                 let (width, number) = (count(2)?, kind(3)?);
-                let values = rest.numbers(tuples.checked_mul(width)?, &number, binary)?;
-                put(name(parts.get(1)?), width, &number, values, false);
+                let values = rest.numbers(tuples.checked_mul(width)?, number, binary)?;
+                put(name(parts.get(1)?), width, number, values, false);
             }
             b"FIELD" => {
                 for _ in 0..count(2)? {
                     let head: Vec<&[u8]> = words(rest.next_words()?).collect();
                     let size = |i: usize| usize::try_from(head.get(i).and_then(|w| integer(w))?).ok();
-                    let number = Binary::of(&head.get(3)?.to_ascii_lowercase())?;
+                    let number = number_type(&head.get(3)?.to_ascii_lowercase())?;
                     let width = size(1)?;
-                    let values = rest.numbers(width.checked_mul(size(2)?)?, &number, binary)?;
+                    let values = rest.numbers(width.checked_mul(size(2)?)?, number, binary)?;
                     let name = name(head[0]);
-                    let colour = width >= 3 && number.size == 1 && name.to_lowercase().contains("rgb");
-                    put(name, width, &number, values, colour);
+                    let colour = width >= 3 && number.size() == 1 && name.to_lowercase().contains("rgb");
+                    put(name, width, number, values, colour);
                 }
             }
             // Lines up to an empty one.
@@ -351,55 +352,21 @@ impl Image {
     }
 }
 
-/// The type of binary numbers.
-struct Binary {
-    size: usize,
-    float: bool,
-    signed: bool,
-}
-
-impl Binary {
-    fn of(name: &[u8]) -> Option<Binary> {
-        let (size, float, signed) = match name {
-            b"float" => (4, true, true),
-            b"double" => (8, true, true),
-            b"char" => (1, false, true),
-            b"unsigned_char" => (1, false, false),
-            b"short" => (2, false, true),
-            b"unsigned_short" => (2, false, false),
-            b"int" | b"vtkidtype" => (4, false, true),
-            b"unsigned_int" => (4, false, false),
-            b"long" | b"vtktypeint64" => (8, false, true),
-            b"unsigned_long" | b"vtktypeuint64" => (8, false, false),
-            _ => return None,
-        };
-        Some(Binary { size, float, signed })
-    }
-
-    /// The type of an attribute of such numbers.
-    fn kept(&self) -> Number {
-        match (self.float, self.size, self.signed) {
-            (true, 4, _) => Number::F32,
-            (false, 1, true) => Number::I8,
-            (false, 1, false) => Number::U8,
-            (false, 2, true) => Number::I16,
-            (false, 2, false) => Number::U16,
-            (false, 4, true) => Number::I32,
-            (false, 4, false) => Number::U32,
-            _ => Number::F64,
-        }
-    }
-
-    fn read(&self, bytes: &[u8]) -> f64 {
-        let bits = bytes[..self.size].iter().fold(0_u64, |all, b| all << 8 | u64::from(*b));
-        let unused = 64 - 8 * self.size as u32;
-        match (self.float, self.size, self.signed) {
-            (true, 4, _) => f64::from(f32::from_bits(bits as u32)),
-            (true, ..) => f64::from_bits(bits),
-            (_, _, true) => ((bits << unused) as i64 >> unused) as f64,
-            _ => bits as f64,
-        }
-    }
+/// The type of numbers that goes by this name, in small letters.
+fn number_type(name: &[u8]) -> Option<NumberType> {
+    Some(match name {
+        b"float" => NumberType::F32,
+        b"double" => NumberType::F64,
+        b"char" => NumberType::I8,
+        b"unsigned_char" => NumberType::U8,
+        b"short" => NumberType::I16,
+        b"unsigned_short" => NumberType::U16,
+        b"int" | b"vtkidtype" => NumberType::I32,
+        b"unsigned_int" => NumberType::U32,
+        b"long" | b"vtktypeint64" => NumberType::I64,
+        b"unsigned_long" | b"vtktypeuint64" => NumberType::U64,
+        _ => return None,
+    })
 }
 
 fn wrong(what: impl Into<String>) -> Error {

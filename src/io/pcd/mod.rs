@@ -1,5 +1,6 @@
 //! PCD, the format of the Point Cloud Library: text, binary, and binary packed with LZF.
 
+use super::number::{ByteOrder, NumberType, unsigned};
 use super::precision::check_point;
 use super::text::{Lines, float, integer, not_a_number, show, words};
 use super::{Loaded, Want};
@@ -30,8 +31,8 @@ pub(super) fn looks_like_pcd(bytes: &[u8]) -> bool {
 /// A column, or several of one name.
 struct Field {
     name: String,
-    size: usize,
-    kind: u8,
+    number: NumberType,
+    /// How many of them.
     count: usize,
     /// Where it begins in a row, in bytes.
     offset: usize,
@@ -50,30 +51,7 @@ struct Places {
 impl Field {
     /// The attribute that it becomes, without values yet.
     fn attribute(&self) -> Attribute {
-        let number = match (self.kind, self.size) {
-            (b'F', 4) => Number::F32,
-            (b'I', 1) => Number::I8,
-            (b'U', 1) => Number::U8,
-            (b'I', 2) => Number::I16,
-            (b'U', 2) => Number::U16,
-            (b'I', 4) => Number::I32,
-            (b'U', 4) => Number::U32,
-            _ => Number::F64,
-        };
-        Attribute { name: self.name.clone(), number, values: Vec::new() }
-    }
-
-    fn number(&self, bytes: &[u8]) -> f64 {
-        let mut word = [0; 8];
-        word[..self.size].copy_from_slice(&bytes[..self.size]);
-        let bits = u64::from_le_bytes(word);
-        let unused = 64 - 8 * self.size as u32;
-        match (self.kind, self.size) {
-            (b'F', 4) => f64::from(f32::from_bits(bits as u32)),
-            (b'F', _) => f64::from_bits(bits),
-            (b'I', _) => ((bits << unused) as i64 >> unused) as f64,
-            _ => bits as f64,
-        }
+        Attribute { name: self.name.clone(), number: self.number.kept_as(), values: Vec::new() }
     }
 }
 
@@ -156,7 +134,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
 fn unpack_colours(loaded: &mut Loaded, header: &Header, fields: &[usize]) {
     let packed = |(a, &i): (&Attribute, &usize)| {
         let named = ["rgb", "rgba"].iter().any(|name| a.name.eq_ignore_ascii_case(name));
-        named && header.fields[i].size == 4
+        named && header.fields[i].number.size() == 4
     };
     let Some(at) = loaded.attributes.iter().zip(fields).position(packed) else { return };
     let Attribute { number, values, .. } = loaded.attributes.remove(at);
@@ -258,13 +236,21 @@ impl Header {
                     let (mut offset, mut word, mut fields) = (0, 0, Vec::new());
                     for (i, name) in names.into_iter().enumerate() {
                         let (size, kind, count) = (sizes[i], kinds[i].to_ascii_uppercase(), counts[i]);
-                        if !matches!((kind, size), (b'F', 4 | 8) | (b'I' | b'U', _)) && name != "_" {
+                        let number = match kind {
+                            b'F' if size == 4 => Some(NumberType::F32),
+                            b'F' if size == 8 => Some(NumberType::F64),
+                            b'I' | b'U' => NumberType::integer(size, kind == b'I'),
+                            // Fillers may have any type; only their size matters.
+                            _ if name == "_" => NumberType::integer(size, false),
+                            _ => None,
+                        };
+                        let Some(number) = number else {
                             return Err(here(wrong(format!(
                                 "field {name} has the type {} of {size} bytes",
                                 char::from(kind)
                             ))));
-                        }
-                        fields.push(Field { name, size, kind, count, offset, word });
+                        };
+                        fields.push(Field { name, number, count, offset, word });
                         offset += size * count;
                         word += count;
                     }
@@ -304,8 +290,7 @@ impl Header {
 
     /// The columns of a packed file, one behind the other.
     fn unpack(&self, body: &[u8]) -> Result<Vec<u8>, Error> {
-        let size =
-            |at: usize| body.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
+        let size = |at: usize| unsigned(body, at, 4).map(|n| n as usize);
         let (Some(packed), Some(plain)) = (size(0), size(4)) else {
             return Err(wrong("truncated: the sizes of the packed data are missing"));
         };
@@ -406,10 +391,11 @@ fn binary(
     for i in 0..rows {
         let value = |field: usize| {
             let field = &header.fields[field];
-            field.number(match order {
-                Order::Rows => &body[i * header.row + field.offset..],
-                Order::Columns => &body[rows * field.offset + i * field.size * field.count..],
-            })
+            let at = match order {
+                Order::Rows => i * header.row + field.offset,
+                Order::Columns => rows * field.offset + i * field.number.size() * field.count,
+            };
+            field.number.read(&body[at..], ByteOrder::Little)
         };
         for (attribute, &field) in loaded.attributes.iter_mut().zip(&places.more) {
             attribute.values.push(value(field));

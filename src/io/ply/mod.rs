@@ -8,6 +8,7 @@ use std::io::{self, Write};
 
 use ply_rs::ply::{ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
 
+use super::number::{ByteOrder, append};
 use super::text::write_position;
 use super::width::Width;
 use super::{Loaded, NORMAL_NAMES, Want};
@@ -18,7 +19,7 @@ mod binary;
 mod header;
 mod text;
 
-use header::Header;
+use header::{Header, number_type};
 
 /// The two names that the corner list of a face goes by.
 const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
@@ -93,6 +94,7 @@ pub(super) fn write(
         return Ok(());
     }
     let little = encoding == Encoding::BinaryLittleEndian;
+    let order = if little { ByteOrder::Little } else { ByteOrder::Big };
     let mut bytes = Vec::with_capacity(64);
     for (i, p) in verts.iter().enumerate() {
         bytes.clear();
@@ -100,8 +102,8 @@ pub(super) fn write(
             Width::Single => Number::F32,
             Width::Double => Number::F64,
         };
-        p.iter().for_each(|&x| push(&mut bytes, x, position, little));
-        attributes.iter().for_each(|a| push(&mut bytes, a.values[i], a.number, little));
+        p.iter().for_each(|&x| append(&mut bytes, x, position, order));
+        attributes.iter().for_each(|a| append(&mut bytes, a.values[i], a.number, order));
         out.write_all(&bytes)?;
     }
     for face in faces {
@@ -124,24 +126,6 @@ fn type_name(number: Number) -> &'static str {
         Number::U32 => "uint",
         Number::F32 => "float",
         Number::F64 => "double",
-    }
-}
-
-/// Adds the bytes of a number; what an integer cannot hold becomes its nearest.
-fn push(bytes: &mut Vec<u8>, x: f64, number: Number, little: bool) {
-    let start = bytes.len();
-    match number {
-        Number::I8 => bytes.extend((x as i8).to_le_bytes()),
-        Number::U8 => bytes.push(x as u8),
-        Number::I16 => bytes.extend((x as i16).to_le_bytes()),
-        Number::U16 => bytes.extend((x as u16).to_le_bytes()),
-        Number::I32 => bytes.extend((x as i32).to_le_bytes()),
-        Number::U32 => bytes.extend((x as u32).to_le_bytes()),
-        Number::F32 => bytes.extend((x as f32).to_le_bytes()),
-        Number::F64 => bytes.extend(x.to_le_bytes()),
-    }
-    if !little {
-        bytes[start..].reverse();
     }
 }
 
@@ -209,17 +193,11 @@ fn attributes(vertex: &ElementDef) -> Vec<Attribute> {
     let one = |(name, property): (&String, &PropertyDef)| {
         let PropertyType::Scalar(kind) = &property.data_type else { return None };
         let other = axis_of(name).is_none() && !NORMAL_NAMES.contains(&name.as_str());
-        let number = match kind {
-            ScalarType::Char => Number::I8,
-            ScalarType::UChar => Number::U8,
-            ScalarType::Short => Number::I16,
-            ScalarType::UShort => Number::U16,
-            ScalarType::Int => Number::I32,
-            ScalarType::UInt => Number::U32,
-            ScalarType::Float => Number::F32,
-            ScalarType::Double => Number::F64,
-        };
-        other.then(|| Attribute { name: name.clone(), number, values: Vec::new() })
+        other.then(|| Attribute {
+            name: name.clone(),
+            number: number_type(kind).kept_as(),
+            values: Vec::new(),
+        })
     };
     vertex.properties.iter().filter_map(one).collect()
 }
