@@ -37,6 +37,7 @@ mod atomic;
 mod choose;
 mod doubt;
 mod e57;
+mod encoding;
 mod fillers;
 mod foreign;
 mod format;
@@ -60,18 +61,18 @@ mod stl;
 mod table;
 mod text;
 mod vtk;
-mod width;
 mod write;
 mod zip;
 
 pub use atomic::write_atomic;
+pub use encoding::Encoding;
 pub use foreign::name_file;
 pub use format::Format;
 pub use grid::{GridFormat, GridValues, write_grid_to};
 pub use options::{Columns, Raw, ReadOptions};
 pub use write::{
-    Encoding, offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to,
-    write_mesh, write_mesh_as, write_mesh_to, write_mesh_with_to,
+    offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to, write_mesh,
+    write_mesh_as, write_mesh_to, write_mesh_with_to,
 };
 
 use choose::{choose, unpacked};
@@ -282,6 +283,9 @@ enum Want {
 
 /// The names of a normal's components.
 const NORMAL_NAMES: [&str; 3] = ["nx", "ny", "nz"];
+
+/// Attributes of a NumPy or VTK file that are read at most: such files may hold any number of columns.
+const MAX_ATTRIBUTES: usize = 64;
 
 /// What a reader hands back.
 #[derive(Default)]

@@ -3,11 +3,12 @@
 use std::collections::HashMap;
 use std::io::{self, Write};
 
+use super::encoding::Encoding;
 use super::number::{ByteOrder, NumberType, unsigned};
 use super::precision::check_point;
 use super::text::{Lines, show, three_floats, words, write_floats};
 use super::{Loaded, Want};
-use crate::geometry::TriangleMesh;
+use crate::geometry::{Bounds, Position, TriangleMesh, are_f32};
 use crate::{Error, ErrorKind};
 
 const HEADER: usize = 84;
@@ -29,8 +30,28 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     Ok(loaded)
 }
 
-/// Writes binary little-endian triangles with unit normals, or zero normals where a triangle has no area.
-pub(super) fn write_binary(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+/// Writes triangles with unit normals, or zero normals where a triangle has no area, in 32 bits: less the offset of
+/// [`offset_left_out`].
+pub(super) fn write(
+    out: &mut dyn Write,
+    mesh: &TriangleMesh<[f64; 3]>,
+    encoding: Encoding,
+) -> io::Result<()> {
+    let local = mesh.about(offset_left_out(mesh).unwrap_or_default());
+    match encoding {
+        Encoding::Binary => write_binary(out, &local),
+        Encoding::Ascii => write_ascii(out, &local),
+    }
+}
+
+/// What the file leaves out of the coordinates: the offset of a mesh whose detail needs more than 32 bits.
+pub(super) fn offset_left_out<P: Position>(mesh: &TriangleMesh<P>) -> Option<[f64; 3]> {
+    let offset = || Bounds::of(&mesh.verts).map_or([0.0; 3], |bounds| bounds.offset());
+    let narrow = !are_f32(&mesh.verts);
+    narrow.then(offset).filter(|&offset| offset != [0.0; 3])
+}
+
+fn write_binary(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
     let mut header = [b' '; HEADER];
     header[..13].copy_from_slice(b"bijective-sdf");
     header[80..].copy_from_slice(&(mesh.faces.len() as u32).to_le_bytes());
@@ -47,8 +68,7 @@ pub(super) fn write_binary(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Resu
     Ok(())
 }
 
-/// Writes text triangles with unit normals, or zero normals where a triangle has no area.
-pub(super) fn write_ascii(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+fn write_ascii(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
     out.write_all(b"solid bijective-sdf\n")?;
     for face in &mesh.faces {
         let corners = face.map(|i| mesh.verts[i as usize]);

@@ -8,7 +8,7 @@ use super::number::unsigned;
 use super::options::{Columns, ReadOptions};
 use super::precision::check_point;
 use super::text::show;
-use super::{Loaded, Want};
+use super::{Loaded, MAX_ATTRIBUTES, Want};
 use crate::geometry::{Attribute, COLOUR};
 use crate::{Error, ErrorKind};
 
@@ -17,8 +17,6 @@ mod header;
 use header::Header;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
-/// Attributes that are read of an array at most.
-const MAX_ATTRIBUTES: usize = 64;
 
 /// Whether the bytes begin like an NPY file.
 pub(super) fn looks_like_npy(bytes: &[u8]) -> bool {

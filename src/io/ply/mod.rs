@@ -4,22 +4,22 @@
 //! the grammar of `ply_rs` refuses numbers such as `1.` and `.5`, blank lines, and an integer property written as
 //! `3.0`, all of which real files have.
 
-use std::io::{self, Write};
-
 use ply_rs::ply::{ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
 
-use super::number::{ByteOrder, append};
-use super::text::write_position;
-use super::width::Width;
 use super::{Loaded, NORMAL_NAMES, Want};
-use crate::geometry::{Attribute, Number};
+use crate::geometry::Attribute;
 use crate::{Error, ErrorKind};
 
 mod binary;
 mod header;
 mod text;
+mod write;
 
 use header::{Header, number_type};
+
+pub(super) use write::write;
+#[cfg(test)]
+pub(super) use write::write_encoded;
 
 /// The two names that the corner list of a face goes by.
 const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
@@ -51,82 +51,6 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         }
     }
     Ok(loaded)
-}
-
-/// Writes a cloud, or with `faces` a mesh, with one property more for each attribute; the caller has checked that
-/// indices fit `i32`, and that each attribute has a value a vertex and a name of its own.
-pub(super) fn write(
-    out: &mut dyn Write,
-    verts: &[[f64; 3]],
-    width: Width,
-    attributes: &[Attribute],
-    faces: Option<&[[u32; 3]]>,
-    encoding: Encoding,
-) -> io::Result<()> {
-    write!(out, "ply\nformat {encoding} 1.0\nelement vertex {}\n", verts.len())?;
-    let number = match width {
-        Width::Single => "float",
-        Width::Double => "double",
-    };
-    write!(out, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;
-    for attribute in attributes {
-        writeln!(out, "property {} {}", type_name(attribute.number), attribute.name)?;
-    }
-    if let Some(faces) = faces {
-        write!(out, "element face {}\nproperty list uchar int vertex_indices\n", faces.len())?;
-    }
-    out.write_all(b"end_header\n")?;
-    let faces = faces.unwrap_or_default();
-    if encoding == Encoding::Ascii {
-        for (i, &p) in verts.iter().enumerate() {
-            write_position(out, p, width, " ")?;
-            for attribute in attributes {
-                match attribute.number {
-                    Number::F32 => write!(out, " {}", attribute.values[i] as f32)?,
-                    _ => write!(out, " {}", attribute.values[i])?,
-                }
-            }
-            out.write_all(b"\n")?;
-        }
-        for [a, b, c] in faces {
-            writeln!(out, "3 {a} {b} {c}")?;
-        }
-        return Ok(());
-    }
-    let little = encoding == Encoding::BinaryLittleEndian;
-    let order = if little { ByteOrder::Little } else { ByteOrder::Big };
-    let mut bytes = Vec::with_capacity(64);
-    for (i, p) in verts.iter().enumerate() {
-        bytes.clear();
-        let position = match width {
-            Width::Single => Number::F32,
-            Width::Double => Number::F64,
-        };
-        p.iter().for_each(|&x| append(&mut bytes, x, position, order));
-        attributes.iter().for_each(|a| append(&mut bytes, a.values[i], a.number, order));
-        out.write_all(&bytes)?;
-    }
-    for face in faces {
-        let mut row = [3; 13];
-        let indices = face.map(|i| if little { i.to_le_bytes() } else { i.to_be_bytes() });
-        row[1..].copy_from_slice(indices.as_flattened());
-        out.write_all(&row)?;
-    }
-    Ok(())
-}
-
-/// The name of a type in a header.
-fn type_name(number: Number) -> &'static str {
-    match number {
-        Number::I8 => "char",
-        Number::U8 => "uchar",
-        Number::I16 => "short",
-        Number::U16 => "ushort",
-        Number::I32 => "int",
-        Number::U32 => "uint",
-        Number::F32 => "float",
-        Number::F64 => "double",
-    }
 }
 
 /// Makes sure that there are faces with exactly one corner list.
@@ -228,6 +152,7 @@ fn cut_short(def: &ElementDef, index: usize) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use super::super::encoding::Width;
     use super::*;
     use crate::geometry::{about, widened};
     use ply_rs::parser::Parser;
@@ -425,7 +350,7 @@ mod tests {
             let faces: Vec<[u32; 3]> = picks.iter().map(|f| f.map(|i| i % verts.len() as u32)).collect();
             for encoding in ENCODINGS {
                 let mut bytes = Vec::new();
-                write(&mut bytes, &widened(&verts), Width::Single, &[], Some(&faces), encoding).unwrap();
+                write_encoded(&mut bytes, &widened(&verts), Width::Single, &[], Some(&faces), encoding).unwrap();
                 let loaded = read(&bytes, Want::Mesh).unwrap();
                 let read = about(&loaded.verts, [0.0; 3]);
                 prop_assert_eq!(bits(&read), bits(&verts));
