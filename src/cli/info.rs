@@ -13,10 +13,12 @@ use clap::Args;
 
 use super::Common;
 use super::cleaning::{Outliers, doubts, strays};
+use super::console::print;
 use super::failure::{Failure, chain};
-use super::files::{Content, offset_text, print};
+use super::input::Content;
 use super::json::{Object, list, number, quoted};
 use super::reading::ReadArgs;
+use super::report::offset_text;
 use super::report::{bounds_text, gate, topology_json, topology_text};
 
 /// Arguments of `info`.
