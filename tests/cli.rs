@@ -353,8 +353,8 @@ fn sample_info_and_evaluate_fit_together() {
     let json = parse(&out(&run(program().arg("info").arg(&cloud).arg("--json"), 0)));
     assert_eq!((json.at("kind").text(), json.at("points").number()), ("cloud", 500.0));
     assert!(json.at("usable").truth() && json.at("duplicates").number() == 0.0);
-    let nearest = json.at("nearest_distance").at("median").number();
-    assert!((0.01..0.1).contains(&nearest), "{nearest}");
+    let spacing = json.at("spacing").at("median").number();
+    assert!((0.01..0.1).contains(&spacing), "{spacing}");
     assert!(out(&run(program().arg("info").arg(&cloud), 0)).contains("points      500"));
 
     let json = parse(&out(&run(program().arg("info").arg(&mesh).args(["--json", "--check"]), 0)));

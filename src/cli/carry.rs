@@ -7,8 +7,8 @@ use bijective_sdf::scene::nearest_of;
 
 use super::Common;
 use super::failure::Failure;
-use super::files::Output;
 use super::json::{list, quoted};
+use super::output::Output;
 
 /// Points with what the vertices near them take over.
 #[derive(Default)]

@@ -8,7 +8,7 @@ use bijective_sdf::io::{Encoding, write_coloured_cloud_to};
 use bijective_sdf::reconstruct::Coded;
 
 use super::failure::Failure;
-use super::files::{short_enough, write_bytes};
+use super::output::{short_enough, write_bytes};
 
 /// What comes behind the stem, file by file.
 const PARTS: [&str; 6] = ["points", "codes", "surface", "patches", "grid", "moved"];

@@ -3,8 +3,8 @@
 use bijective_sdf::reconstruct::{Config, Phase, Preset};
 use clap::Args;
 
+use super::console::print;
 use super::failure::Failure;
-use super::files::print;
 use super::json::quoted;
 use super::settings::Settings;
 

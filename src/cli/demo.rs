@@ -14,11 +14,12 @@ use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
 use super::Common;
+use super::console::print;
 use super::coverage::{TruthCoverage, coverage_text};
 use super::failure::Failure;
-use super::files::{print, write_bytes};
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::json::Object;
+use super::output::write_bytes;
 use super::preview::{Axis, View, render};
 use super::reconstruct::describe;
 use super::report::{gate, report_json, report_text};

@@ -8,9 +8,11 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
 
 use super::Common;
+use super::console::{print, say_all_but_last};
 use super::failure::Failure;
-use super::files::{Content, Input, Local, name, print, say_all_but_last};
+use super::input::{Content, Input, Local};
 use super::json::Object;
+use super::paths::name;
 use super::points::{self, Style};
 use super::report::topology_json;
 use super::report::{published_json, published_text, report_json, report_text, summary_json, table_json};

@@ -13,10 +13,12 @@ use clap::Args;
 
 use super::Common;
 use super::cleaning::{Outliers, doubts, strays};
+use super::console::print;
 use super::failure::{Failure, chain};
-use super::files::{Content, offset_text, print};
+use super::input::Content;
 use super::json::{Object, list, number, quoted};
 use super::reading::ReadArgs;
+use super::report::offset_text;
 use super::report::{bounds_text, gate, topology_json, topology_text};
 
 /// Arguments of `info`.
@@ -122,7 +124,7 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
             .raw("bounds", list([low, high].map(corner)))
             .raw("offset", corner(offset))
             .raw(
-                "nearest_distance",
+                "spacing",
                 nearest.map_or("null".into(), |[least, middle, most]| {
                     Object::new().number("min", least).number("median", middle).number("max", most).finish()
                 }),
@@ -155,7 +157,7 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
         }
         if let Some([least, middle, most]) = nearest {
             text += &format!(
-                "nearest     {middle:.4e} median, {least:.4e} least, {most:.4e} most (to the nearest other point)\n"
+                "spacing     {middle:.4e} median, {least:.4e} least, {most:.4e} most (to the nearest other point)\n"
             );
         }
         if cloud.normals.is_some() {

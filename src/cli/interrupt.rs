@@ -5,8 +5,8 @@ use std::io;
 use std::process;
 use std::sync::{Arc, Mutex, PoisonError};
 
+use super::console::say;
 use super::failure::Failure;
-use super::files::say;
 
 /// What a signal finds the program doing.
 #[derive(Clone, Debug, Default, PartialEq)]

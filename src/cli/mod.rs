@@ -10,18 +10,22 @@ mod cleaning;
 mod codes;
 mod config;
 mod config_text;
+mod console;
 mod coverage;
 mod demo;
 mod evaluate;
 mod failure;
-mod files;
 mod fineness;
+mod formats;
 mod info;
+mod input;
 mod interrupt;
 mod json;
 mod lock;
 mod machine;
 mod mesh;
+mod output;
+mod paths;
 mod points;
 mod preview;
 mod progress;
@@ -70,13 +74,13 @@ impl Common {
     /// A remark on standard error, unless the user wants none.
     fn note(self, text: &str) {
         if !self.quiet {
-            files::say(&format!("note: {text}"));
+            console::say(&format!("note: {text}"));
         }
     }
 
     /// A warning on standard error: the result may be another than the user thinks, so it is always told.
     fn warn(self, text: &str) {
-        files::say(&format!("warning: {text}"));
+        console::say(&format!("warning: {text}"));
     }
 }
 
@@ -115,7 +119,7 @@ pub fn run() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             if let Some(line) = failure.line() {
-                files::say(&line);
+                console::say(&line);
             }
             ExitCode::from(failure.code())
         }

@@ -6,9 +6,11 @@ use bijective_sdf::evaluate::{Cell, Options, PointsReport, TextTable, evaluate_p
 use bijective_sdf::geometry::about;
 
 use super::Common;
+use super::console::{print, say_all_but_last};
 use super::failure::Failure;
-use super::files::{Input, name, print, say_all_but_last};
+use super::input::Input;
 use super::json::Object;
+use super::paths::name;
 
 /// How to print.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

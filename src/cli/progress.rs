@@ -6,7 +6,7 @@ use std::time::{Duration, Instant};
 use bijective_sdf::reconstruct::{Phase, StepReport, Trainer};
 use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-use super::files::say;
+use super::console::say;
 
 /// Time between lines where there is no terminal.
 const PAUSE: Duration = Duration::from_secs(10);

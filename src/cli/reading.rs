@@ -7,7 +7,8 @@ use clap::Args;
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{Input, format_parser};
+use super::formats::format_parser;
+use super::input::Input;
 
 /// Options of every command that reads points.
 #[derive(Clone, Debug, Args)]

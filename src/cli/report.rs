@@ -102,6 +102,11 @@ pub fn topology_text(t: &Topology) -> String {
     text
 }
 
+/// An offset in words.
+pub fn offset_text(offset: [f64; 3]) -> String {
+    format!("({})", offset.map(shortest).join(", "))
+}
+
 /// Two corners of a box in text.
 pub fn bounds_text(low: [f64; 3], high: [f64; 3]) -> String {
     format!("from        {}\nto          {}\n", low.map(shortest).join(" "), high.map(shortest).join(" "))

@@ -13,7 +13,10 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::Common;
 use super::failure::Failure;
-use super::files::{CLOUD_FORMATS, Input, Output, check_apart, format_parser};
+use super::formats::{CLOUD_FORMATS, format_parser};
+use super::input::Input;
+use super::output::Output;
+use super::paths::check_apart;
 
 /// Arguments of `sample`.
 #[derive(Debug, Args)]

@@ -9,9 +9,13 @@ use clap::Args;
 use clap::builder::TypedValueParser;
 
 use super::Common;
+use super::console::print;
 use super::failure::Failure;
-use super::files::{Input, check_apart, check_writable, is_pipe, offset_text, print, write_bytes};
+use super::input::Input;
+use super::output::write_bytes;
+use super::paths::{check_apart, check_writable, is_pipe};
 use super::reading::ReadArgs;
+use super::report::offset_text;
 
 /// Arguments of `sdf`.
 #[derive(Debug, Args)]

@@ -3,8 +3,8 @@
 use clap::{Args, Command};
 use clap_complete::Shell;
 
+use super::console::print;
 use super::failure::Failure;
-use super::files::print;
 
 /// Arguments of `completions`.
 #[derive(Debug, Args)]

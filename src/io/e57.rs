@@ -40,6 +40,7 @@ fn damaged(cause: impl std::fmt::Display) -> Error {
 
 #[cfg(feature = "formats")]
 fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
+    use super::precision::check_point;
     use e57::{CartesianCoordinate, E57Reader, RecordDataType};
 
     let mut reader = E57Reader::new(std::io::Cursor::new(bytes)).map_err(damaged)?;
@@ -83,7 +84,7 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             (read, empty, total) = (read + 1, 0, total + 1);
             match point.cartesian {
                 CartesianCoordinate::Valid { x, y, z } => {
-                    super::check_point([x, y, z], want, "point", total - 1)?;
+                    check_point([x, y, z], want, "point", total - 1)?;
                     loaded.verts.push([x, y, z]);
                     if want == Want::Attributes {
                         intensity.push(point.intensity.map_or(f64::NAN, f64::from));
@@ -93,7 +94,7 @@ fn scans(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
                     }
                 }
                 _ if want == Want::EveryRow => {
-                    super::check_point([f64::NAN; 3], want, "point", total - 1)?;
+                    check_point([f64::NAN; 3], want, "point", total - 1)?;
                 }
                 _ => none += 1,
             }

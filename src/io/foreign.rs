@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use super::number::unsigned;
 use crate::{Error, ErrorKind};
 
 /// The message about bytes that show no format.
@@ -113,10 +114,7 @@ const NAMED: [Named; 24] = [
 /// Whether the bytes are exactly the binary `points3D.bin` of COLMAP: a count, and for each point an id, three 64-bit
 /// numbers, a colour, an error, and a list of views of 8 bytes each. It would pass for a raw file.
 pub(super) fn is_colmap(bytes: &[u8]) -> bool {
-    let number = |at: usize| {
-        let part = bytes.get(at..at.checked_add(8)?)?;
-        usize::try_from(part.iter().rev().fold(0_u64, |all, b| all << 8 | u64::from(*b))).ok()
-    };
+    let number = |at: usize| usize::try_from(unsigned(bytes, at, 8)?).ok();
     let Some(count) = number(0).filter(|n| (1..=bytes.len() / 51).contains(n)) else { return false };
     let mut at = 8;
     for _ in 0..count {

@@ -1,10 +1,9 @@
-//! The file formats and how one is chosen: by name, by extension, or by content.
+//! The file formats with their names and extensions, and what files of each can hold.
 
 use std::fmt;
 use std::path::Path;
 use std::str::FromStr;
 
-use super::text::{Lines, float, words};
 use crate::geometry::COLOUR;
 use crate::{Error, ErrorKind};
 
@@ -133,47 +132,6 @@ impl Format {
         }
     }
 
-    /// The format of a file whose name means `hint`: what the content shows wins, and the name decides where the
-    /// content fits several formats or none.
-    pub fn from_content_and(bytes: &[u8], hint: Option<Format>) -> Option<Format> {
-        match (Format::from_content(bytes), hint) {
-            // Columns of numbers are read alike under both names.
-            (Some(Format::Xyz | Format::Csv), Some(hint @ (Format::Xyz | Format::Csv))) => Some(hint),
-            // Rows of floats may happen to be text, or to have the size that a binary STL names.
-            (Some(Format::Stl), Some(Format::Kitti)) if !bytes.starts_with(b"solid") => Some(Format::Kitti),
-            (found, hint) => found.or(hint),
-        }
-    }
-
-    /// The format that the first bytes of a file point to.
-    ///
-    /// KITTI rows carry no signature, so [`Format::Kitti`] is never guessed.
-    pub fn from_content(bytes: &[u8]) -> Option<Format> {
-        if bytes.starts_with(b"\x93NUMPY") {
-            return Some(Format::Npy);
-        }
-        let line = bytes[..bytes.len().min(64)].split(|b| b"\n\r".contains(b)).next().unwrap_or_default();
-        if line.len() < bytes.len() && line.trim_ascii_end() == b"ply" {
-            return Some(Format::Ply);
-        }
-        type Mark = (fn(&[u8]) -> bool, Format);
-        let marks: [Mark; 8] = [
-            (super::zip::looks_like_zip, Format::Npz),
-            (super::las::looks_like_las, Format::Las),
-            (super::e57::looks_like_e57, Format::E57),
-            (super::vtk::looks_like_vtk, Format::Vtk),
-            (super::pcd::looks_like_pcd, Format::Pcd),
-            (super::off::looks_like_off, Format::Off),
-            (super::ptx::looks_like_ptx, Format::Ptx),
-            (super::stl::looks_like_stl, Format::Stl),
-        ];
-        if let Some((_, format)) = marks.iter().find(|(fits, _)| fits(bytes)) {
-            return Some(*format);
-        }
-        let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
-        from_text(&bytes[..bytes.len().min(4096)])
-    }
-
     /// The supported formats with their extensions, for messages: `ply (.ply), xyz (.xyz .txt ...)`.
     pub fn list() -> String {
         let one = |f: Format| {
@@ -183,29 +141,6 @@ impl Format {
         };
         Format::ALL.map(one).join(", ")
     }
-}
-
-/// Tells OBJ, CSV and XYZ apart by the first lines that are neither comments nor column names.
-fn from_text(start: &[u8]) -> Option<Format> {
-    if start.iter().any(|&b| b < b' ' && !b"\t\n\r\x0c".contains(&b)) {
-        return None;
-    }
-    for (_, line) in Lines::new(start).take(64) {
-        let line = line.trim_ascii();
-        if line.is_empty() || line.starts_with(b"#") || line.starts_with(b"//") || line.starts_with(b"%") {
-            continue;
-        }
-        let first = words(line).next()?;
-        if [&b"v"[..], b"vn", b"vt", b"vp", b"f", b"o", b"g", b"mtllib", b"usemtl"].contains(&first) {
-            return Some(Format::Obj);
-        }
-        let field = line.split(|&b| b",;| \t".contains(&b)).next()?;
-        if float(field).is_some() {
-            let commas = line.contains(&b',') || line.contains(&b';');
-            return Some(if commas { Format::Csv } else { Format::Xyz });
-        }
-    }
-    None
 }
 
 impl fmt::Display for Format {
@@ -256,37 +191,6 @@ mod tests {
         assert_eq!(e.kind(), ErrorKind::Format);
         for format in Format::ALL {
             assert!(e.to_string().contains(format.name()), "{e}");
-        }
-    }
-
-    #[test]
-    fn content_tells_the_format() {
-        let cases: [(&[u8], Option<Format>); 22] = [
-            (b"ply \nformat ascii 1.0\n", Some(Format::Ply)),
-            (b"PK\x03\x04", Some(Format::Npz)),
-            (b"LASF\0\0", Some(Format::Las)),
-            (b"ASTM-E57", Some(Format::E57)),
-            (b"# vtk DataFile Version 2.0\n", Some(Format::Vtk)),
-            (b"# .PCD v0.7\nVERSION 0.7\n", Some(Format::Pcd)),
-            (b"COFF\n1 0 0\n", Some(Format::Off)),
-            (super::super::ptx::tests::SCANS.as_bytes(), Some(Format::Ptx)),
-            (b"% x y z\n1 2 3\n", Some(Format::Xyz)),
-            (b"ply\nformat ascii 1.0\n", Some(Format::Ply)),
-            (b"ply\r\nformat ascii 1.0\r\n", Some(Format::Ply)),
-            (b"\x93NUMPY\x01\x00", Some(Format::Npy)),
-            (b"solid a b c\nfacet normal 0 0 1\n", Some(Format::Stl)),
-            (b"# made by hand\n\nv 0 0 0\n", Some(Format::Obj)),
-            (b"mtllib a.mtl\nv 0 0 0\n", Some(Format::Obj)),
-            (b"0.5 1 2\n", Some(Format::Xyz)),
-            (b"\xef\xbb\xbf3\r\n0.5\t1\t2\r\n", Some(Format::Xyz)),
-            (b"x,y,z\n1,2,3\n", Some(Format::Csv)),
-            (b"1; 2; 3\n", Some(Format::Csv)),
-            (b"plywood 1 2\n", None),
-            (b"\x00\x01\x02\x03\x04\x05", None),
-            (b"", None),
-        ];
-        for (bytes, format) in cases {
-            assert_eq!(Format::from_content(bytes), format, "{:?}", String::from_utf8_lossy(bytes));
         }
     }
 }

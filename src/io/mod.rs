@@ -24,18 +24,20 @@
 //! convert them.
 //!
 //! A new format takes a file of its own with `read` (and `write`), a variant of [`Format`] with its arms in
-//! `format.rs`, an arm in `load` below, and, if it is written, one in `write.rs`.
+//! `format.rs`, a line in `of_content` of `choose.rs` if its first bytes show it, an arm in `load` below, and, if it is
+//! written, one in `write.rs`.
 
-use std::borrow::Cow;
 use std::fs;
 use std::path::Path;
 
-use crate::geometry::{Attribute, Bounds, TriangleMesh, are_f32, shortest};
+use crate::geometry::{Attribute, TriangleMesh, shortest};
 use crate::{Error, ErrorKind};
 
 mod atomic;
+mod choose;
 mod doubt;
 mod e57;
+mod encoding;
 mod fillers;
 mod foreign;
 mod format;
@@ -44,31 +46,37 @@ mod grid;
 mod las;
 mod npy;
 mod npz;
+mod number;
 mod obj;
 mod off;
 mod options;
 mod packed;
 mod pcd;
 mod ply;
+mod polygon;
+mod precision;
 mod ptx;
 mod raw;
 mod stl;
 mod table;
 mod text;
 mod vtk;
-mod width;
 mod write;
 mod zip;
 
 pub use atomic::write_atomic;
+pub use encoding::Encoding;
 pub use foreign::name_file;
 pub use format::Format;
 pub use grid::{GridFormat, GridValues, write_grid_to};
 pub use options::{Columns, Raw, ReadOptions};
 pub use write::{
-    Encoding, offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to,
-    write_mesh, write_mesh_as, write_mesh_to, write_mesh_with_to,
+    offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to, write_mesh,
+    write_mesh_as, write_mesh_to, write_mesh_with_to,
 };
+
+use choose::{choose, unpacked};
+use precision::{check_range, coarse_floats, round_to_floats};
 
 /// The points of a file and what the reader left out.
 #[derive(Clone, Debug, Default, PartialEq)]
@@ -276,6 +284,9 @@ enum Want {
 /// The names of a normal's components.
 const NORMAL_NAMES: [&str; 3] = ["nx", "ny", "nz"];
 
+/// Attributes of a NumPy or VTK file that are read at most: such files may hold any number of columns.
+const MAX_ATTRIBUTES: usize = 64;
+
 /// What a reader hands back.
 #[derive(Default)]
 struct Loaded {
@@ -323,54 +334,6 @@ fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
     fs::read(path).map_err(|e| Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
 }
 
-/// The bytes of a file, unpacked if they are packed with gzip.
-fn unpacked(bytes: &[u8]) -> Result<Cow<'_, [u8]>, Error> {
-    if packed::looks_like_gzip(bytes) {
-        packed::gunzip(bytes).map(Cow::Owned)
-    } else {
-        Ok(Cow::Borrowed(bytes))
-    }
-}
-
-impl Format {
-    /// The format of a file whose name means `hint`, whose bytes may be packed with gzip.
-    ///
-    /// # Errors
-    ///
-    /// As [`read_cloud_bytes`](read_cloud_bytes) where the bytes cannot be unpacked or are of a format that is
-    /// not read.
-    pub fn of(bytes: &[u8], hint: Option<Format>) -> Result<Format, Error> {
-        let options = ReadOptions { hint, ..Default::default() };
-        choose(&unpacked(bytes)?, &options)
-    }
-}
-
-/// The format: the one named outright, else what the content shows, else what the name means.
-fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Error> {
-    if let Some(format) = options.format {
-        return Ok(format);
-    }
-    let found = Format::from_content_and(bytes, options.hint);
-    // Numbers in columns are no signature: any text file could look like them, so files that are not read are ruled out
-    // first.
-    let signed = Format::from_content(bytes).filter(|f| !matches!(f, Format::Xyz | Format::Csv));
-    if let Some(format) = found.filter(|_| signed.is_some()) {
-        return Ok(format);
-    }
-    if foreign::is_colmap(bytes) {
-        return Err(foreign::colmap());
-    }
-    if options.hint != Some(Format::Kitti)
-        && let Some(e) = foreign::by_content(bytes)
-    {
-        return Err(e);
-    }
-    found.ok_or_else(|| {
-        let what = if bytes.is_empty() { "the file is empty" } else { foreign::UNKNOWN };
-        Error::new(ErrorKind::Format, what).advise(format!("supported are {}", Format::list()))
-    })
-}
-
 fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
     if want == Want::Mesh && !format.holds_faces() {
         return Err(Error::new(ErrorKind::Format, format!("{format} files hold points without faces"))
@@ -411,97 +374,6 @@ fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Resu
         Format::E57 => e57::read(bytes, want),
         Format::Kitti => raw::read(bytes, options, want),
     }
-}
-
-/// Refuses coordinates that no point can have, here where the line and the number of the row are still known: beyond
-/// the range of 32-bit floats, and, where every row must hold a point, NaN and infinity. In clouds, rows that are not
-/// finite and those with fillers up to the largest 64-bit float (1e300 and more) pass; [`fillers`] leaves them out.
-fn check_point(point: [f64; 3], want: Want, noun: &str, index: usize) -> Result<(), Error> {
-    let wrong = |x: &f64| match want {
-        Want::Cloud | Want::Attributes => x.is_finite() && x.abs() > f64::from(f32::MAX) && x.abs() < 1e300,
-        Want::EveryRow | Want::Mesh => !(*x as f32).is_finite(),
-    };
-    match point.iter().position(wrong) {
-        None => Ok(()),
-        Some(axis) => Err(not_finite(point[axis], axis).at_element(format!("{noun} {index}"))),
-    }
-}
-
-fn not_finite(x: f64, axis: usize) -> Error {
-    let name = ["x", "y", "z"][axis];
-    Error::new(ErrorKind::Data, format!("{name} is {x:?}, not a finite 32-bit number"))
-        .advise("remove or repair it (elements are counted from 0)")
-}
-
-/// Refuses positions beyond the range of 32-bit numbers.
-fn check_range(verts: &[[f64; 3]], noun: &str) -> Result<(), Error> {
-    for (i, p) in verts.iter().enumerate() {
-        if let Some(axis) = p.iter().position(|&x| !(x as f32).is_finite()) {
-            return Err(not_finite(p[axis], axis).at_element(format!("{noun} {i}")));
-        }
-    }
-    Ok(())
-}
-
-/// Rounds positions to 32 bits if a file declares them as such (`declared`), or if all of them are the shortest
-/// decimals of 32-bit numbers, as programs write them: `0.1` then means the 32-bit number nearest to 0.1, and the text
-/// and the binary file of one cloud give equal points. Not where 32 bits would lose the detail ([`Bounds::offset`]).
-fn round_to_floats(verts: &mut [[f64; 3]], declared: bool) {
-    let mut digits = String::new();
-    let floats = declared || verts.as_flattened().iter().all(|&x| is_short_float(x, &mut digits));
-    if floats && Bounds::of(verts).is_ok_and(|bounds| bounds.offset() == [0.0; 3]) {
-        verts.as_flattened_mut().iter_mut().for_each(|x| *x = f64::from(*x as f32));
-    }
-}
-
-/// Whether a number is one of 32 bits or the shortest decimal of one; `digits` is working space.
-fn is_short_float(x: f64, digits: &mut String) -> bool {
-    let narrow = x as f32;
-    if f64::from(narrow) == x {
-        return true;
-    }
-    digits.clear();
-    let _ = std::fmt::Write::write_fmt(digits, format_args!("{narrow:e}"));
-    digits.parse() == Ok(x)
-}
-
-/// Cuts a polygon into triangles that share its first corner.
-fn push_fan(faces: &mut Vec<[u32; 3]>, polygon: &[i64]) -> Result<(), Error> {
-    if polygon.len() < 3 {
-        return Err(Error::new(
-            ErrorKind::Format,
-            format!("at least 3 corners expected, {} found", polygon.len()),
-        )
-        .advise("remove the face or export the file again"));
-    }
-    let index = |i: i64| {
-        u32::try_from(i).map_err(|_| {
-            Error::new(ErrorKind::Format, format!("vertex {i} is named, which is not a possible index"))
-                .advise("the file is damaged; export it again")
-        })
-    };
-    let first = index(polygon[0])?;
-    let mut previous = index(polygon[1])?;
-    for &corner in &polygon[2..] {
-        let next = index(corner)?;
-        faces.push([first, previous, next]);
-        previous = next;
-    }
-    Ok(())
-}
-
-/// A warning where the coordinates have been stored in 32 bits and are so large against the cloud's size that its
-/// detail is lost in the file, as with map coordinates.
-fn coarse_floats(points: &[[f64; 3]]) -> Option<String> {
-    let bounds = Bounds::of(points).ok()?;
-    let largest = bounds.min.iter().chain(&bounds.max).fold(0.0, |m: f64, x| m.max(x.abs()));
-    let (widest, step) = (bounds.longest(), largest * f64::from(f32::EPSILON));
-    (widest > 0.0 && step > 1e-4 * widest && are_f32(points)).then(|| {
-        format!(
-            "coordinates near {largest:.3e} are stored in 32 bits, to steps of {step:.1e}, and the cloud measures \
-             {widest:.3e}; export them in 64 bits, or less a common offset, to keep its detail"
-        )
-    })
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! NPZ, an archive of NumPy arrays: the one that holds points is read.
 
 use super::options::ReadOptions;
-use super::{Loaded, Want, npy, zip};
+use super::{Loaded, MAX_ATTRIBUTES, Want, npy, zip};
 use crate::{Error, ErrorKind};
 
 /// Names that arrays of points go by, the likeliest first.
@@ -23,9 +23,6 @@ const NAMES: [&str; 16] = [
     "data",
     "arr_0",
 ];
-
-/// Attributes that are read of all arrays at most.
-const MAX_ATTRIBUTES: usize = 64;
 
 /// Reads n x 3 points and, if there is an array of them, their normals.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {

@@ -7,11 +7,13 @@
 
 use std::io::{self, Write};
 
+use super::encoding::Width;
+use super::polygon::push_fan;
+use super::precision::check_point;
 use super::text::{
     Lines, float, integer, not_a_number, show, three_floats, without_byte_order_mark, words, write_position,
 };
-use super::width::Width;
-use super::{Loaded, Want, check_point, push_fan};
+use super::{Loaded, Want};
 use crate::geometry::TriangleMesh;
 use crate::{Error, ErrorKind};
 

@@ -1,8 +1,9 @@
 //! PTX, scans of Leica: for each the numbers of columns and rows, the scanner's place and axes, a matrix of 4 x 4, and
 //! a line for each point, x, y, z and intensity in the scanner's own frame. `0 0 0` means that nothing came back.
 
+use super::precision::check_point;
 use super::text::{Lines, float, integer, three_floats, without_byte_order_mark, words};
-use super::{Loaded, Want, check_point};
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 

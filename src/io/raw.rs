@@ -4,8 +4,10 @@
 //! taken unless the bytes speak for another length; then the reader stops and says which.
 
 use super::doubt::Evidence;
+use super::number::{ByteOrder, NumberType};
 use super::options::{Columns, Raw, ReadOptions};
-use super::{Loaded, Want, check_point};
+use super::precision::check_point;
+use super::{Loaded, Want};
 use crate::{Error, ErrorKind};
 
 /// What rows are taken for unless something speaks against it: x, y, z, intensity.
@@ -89,12 +91,8 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
 }
 
 fn number(row: &[u8], raw: Raw, column: usize) -> f64 {
-    let at = &row[column * raw.bytes..];
-    if raw.bytes == 4 {
-        f64::from(f32::from_le_bytes([at[0], at[1], at[2], at[3]]))
-    } else {
-        f64::from_le_bytes([at[0], at[1], at[2], at[3], at[4], at[5], at[6], at[7]])
-    }
+    let number = if raw.bytes == 4 { NumberType::F32 } else { NumberType::F64 };
+    number.read(&row[column * raw.bytes..], ByteOrder::Little)
 }
 
 /// The rows of KITTI, unless the bytes do not fit them or fit others better.

@@ -3,9 +3,12 @@
 use std::collections::HashMap;
 use std::io::{self, Write};
 
+use super::encoding::Encoding;
+use super::number::{ByteOrder, NumberType, unsigned};
+use super::precision::check_point;
 use super::text::{Lines, show, three_floats, words, write_floats};
-use super::{Loaded, Want, check_point};
-use crate::geometry::TriangleMesh;
+use super::{Loaded, Want};
+use crate::geometry::{Bounds, Position, TriangleMesh, are_f32};
 use crate::{Error, ErrorKind};
 
 const HEADER: usize = 84;
@@ -27,8 +30,28 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     Ok(loaded)
 }
 
-/// Writes binary little-endian triangles with unit normals, or zero normals where a triangle has no area.
-pub(super) fn write_binary(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+/// Writes triangles with unit normals, or zero normals where a triangle has no area, in 32 bits: less the offset of
+/// [`offset_left_out`].
+pub(super) fn write(
+    out: &mut dyn Write,
+    mesh: &TriangleMesh<[f64; 3]>,
+    encoding: Encoding,
+) -> io::Result<()> {
+    let local = mesh.about(offset_left_out(mesh).unwrap_or_default());
+    match encoding {
+        Encoding::Binary => write_binary(out, &local),
+        Encoding::Ascii => write_ascii(out, &local),
+    }
+}
+
+/// What the file leaves out of the coordinates: the offset of a mesh whose detail needs more than 32 bits.
+pub(super) fn offset_left_out<P: Position>(mesh: &TriangleMesh<P>) -> Option<[f64; 3]> {
+    let offset = || Bounds::of(&mesh.verts).map_or([0.0; 3], |bounds| bounds.offset());
+    let narrow = !are_f32(&mesh.verts);
+    narrow.then(offset).filter(|&offset| offset != [0.0; 3])
+}
+
+fn write_binary(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
     let mut header = [b' '; HEADER];
     header[..13].copy_from_slice(b"bijective-sdf");
     header[80..].copy_from_slice(&(mesh.faces.len() as u32).to_le_bytes());
@@ -45,8 +68,7 @@ pub(super) fn write_binary(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Resu
     Ok(())
 }
 
-/// Writes text triangles with unit normals, or zero normals where a triangle has no area.
-pub(super) fn write_ascii(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
+fn write_ascii(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Result<()> {
     out.write_all(b"solid bijective-sdf\n")?;
     for face in &mesh.faces {
         let corners = face.map(|i| mesh.verts[i as usize]);
@@ -64,8 +86,7 @@ pub(super) fn write_ascii(out: &mut dyn Write, mesh: &TriangleMesh) -> io::Resul
 }
 
 fn count(bytes: &[u8]) -> Option<u64> {
-    let count = bytes.get(80..HEADER)?;
-    Some(u64::from(u32::from_le_bytes([count[0], count[1], count[2], count[3]])))
+    unsigned(bytes, 80, 4)
 }
 
 fn size_fits(bytes: &[u8]) -> bool {
@@ -98,11 +119,11 @@ fn read_binary(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let mut corners = Corners::default();
     let rows = &rows.as_chunks::<ROW>().0[..n as usize];
     for (i, row) in rows.iter().enumerate() {
-        let number = |at: usize| f32::from_le_bytes([row[at], row[at + 1], row[at + 2], row[at + 3]]);
+        let number = |at: usize| NumberType::F32.read(&row[at..], ByteOrder::Little);
         let mut face = [0; 3];
         for (corner, index) in face.iter_mut().enumerate() {
             let at = 12 + 12 * corner;
-            let point = [number(at), number(at + 4), number(at + 8)].map(f64::from);
+            let point = [number(at), number(at + 4), number(at + 8)];
             check_point(point, want, "triangle", i)?;
             *index = corners.add(point)?;
         }

@@ -35,7 +35,7 @@ fn samples() -> Vec<(Format, Vec<u8>)> {
     let mut big = Vec::new();
     let mesh = tetrahedron();
     let encoding = ply_rs::ply::Encoding::BinaryBigEndian;
-    ply::write(&mut big, &WIDE, width::Width::Single, &[], Some(&mesh.faces), encoding).unwrap();
+    ply::write_encoded(&mut big, &WIDE, encoding::Width::Single, &[], Some(&mesh.faces), encoding).unwrap();
     files.push((Format::Ply, big));
     files.push((Format::Obj, mesh_bytes(&mesh, Format::Obj, Encoding::Ascii)));
     files.push((Format::Xyz, cloud_bytes(&TETRAHEDRON, Format::Xyz, Encoding::Ascii)));

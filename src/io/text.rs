@@ -2,7 +2,8 @@
 
 use std::io::{self, Write};
 
-use super::width::Width;
+use super::encoding::Width;
+use crate::geometry::{Attribute, Number};
 use crate::{Error, ErrorKind};
 
 /// The lines of a text with their numbers from 1. A line ends at `\n`, `\r\n` or a lone `\r`.
@@ -94,6 +95,17 @@ pub(super) fn not_a_number(word: &[u8]) -> Error {
         .advise("write numbers with a decimal point, such as -1.25e-3")
 }
 
+/// Adds a value that stands in a text to an attribute whose type the header of the file declares. For a float of 32
+/// bits the value is rounded to it. If a value is not finite, as that of a word that is no number, an attribute of
+/// integers becomes one of 64-bit floats, as only floats can say that there is no value.
+pub(super) fn push_value(attribute: &mut Attribute, value: f64) {
+    if !value.is_finite() && attribute.number != Number::F32 {
+        attribute.number = Number::F64;
+    }
+    let narrow = attribute.number == Number::F32;
+    attribute.values.push(if narrow { f64::from(value as f32) } else { value });
+}
+
 /// Leaves out the byte order mark of UTF-8 and refuses UTF-16, which would read as rubbish.
 pub(super) fn without_byte_order_mark(bytes: &[u8]) -> Result<&[u8], Error> {
     // Without a mark, every second byte of plain characters is 0.
@@ -168,6 +180,20 @@ mod tests {
         for word in ["", "d", "d5", "abcd3", "1.5.2", "1,5", "0x10", "--1"] {
             assert_eq!(float(word.as_bytes()), None, "{word}");
         }
+    }
+
+    #[test]
+    fn values_have_the_type_of_their_attribute() {
+        let pushed = |number, values: &[f64]| {
+            let mut attribute = Attribute { name: "a".into(), number, values: Vec::new() };
+            values.iter().for_each(|&x| push_value(&mut attribute, x));
+            (attribute.number, attribute.values)
+        };
+        assert_eq!(pushed(Number::U8, &[7.0, 8.0]), (Number::U8, vec![7.0, 8.0]));
+        assert_eq!(pushed(Number::F32, &[0.1]), (Number::F32, vec![f64::from(0.1_f32)]));
+        let (number, values) = pushed(Number::I16, &[7.0, f64::NAN, 9.0]);
+        assert!(number == Number::F64 && values[0] == 7.0 && values[1].is_nan() && values[2] == 9.0);
+        assert_eq!(pushed(Number::F32, &[f64::INFINITY]).0, Number::F32);
     }
 
     #[test]

@@ -3,27 +3,17 @@
 use std::io::{self, Write};
 use std::path::Path;
 
-use super::width::Width;
-use super::{Format, Want, check_point, glb, obj, off, ply, stl, table, write_atomic};
-use crate::geometry::{Attribute, Bounds, COLOUR, Number, Position, TriangleMesh, are_f32, colours, widened};
+use super::encoding::{Encoding, Width};
+use super::precision::check_point;
+use super::{Format, Want, glb, obj, off, ply, stl, table, write_atomic};
+use crate::geometry::{Attribute, COLOUR, Number, Position, TriangleMesh, colours, widened};
 use crate::{Error, ErrorKind};
-
-/// Whether numbers are written as bytes or as digits; both read back to the same bits.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Encoding {
-    /// Little-endian binary where the format has it, else text.
-    #[default]
-    Binary,
-    /// Text.
-    Ascii,
-}
 
 /// Writes a mesh in the format that the extension of `path` means: `ply`, `stl` and `glb` in binary, `obj` and `off` as
 /// text.
 ///
 /// The file appears whole or not at all, see [`write_atomic`]. Coordinates are written in 32 bits where that loses
-/// nothing that matters ([`Bounds::offset`] is 0), else in 64. STL has 32 only: see
+/// nothing that matters (the mesh's [`offset`](TriangleMesh::offset) is 0), else in 64. STL has 32 only: see
 /// [`offset_left_out`].
 ///
 /// # Errors
@@ -182,7 +172,7 @@ pub fn write_coloured_cloud_to<P: Position>(
         values: colours.iter().map(|c| f64::from(c[axis])).collect(),
     };
     let colours: Vec<Attribute> = COLOUR.into_iter().enumerate().map(part).collect();
-    ply::write(&mut out, &points, Width::of_cloud(&points), &colours, None, ply_encoding(encoding))
+    ply::write(&mut out, &points, Width::of_cloud(&points), &colours, None, encoding)
         .and_then(|()| out.flush())
         .map_err(failed)
 }
@@ -190,9 +180,7 @@ pub fn write_coloured_cloud_to<P: Position>(
 /// What a format leaves out of the coordinates of a mesh because it has 32 bits only and the detail of the mesh needs
 /// more: its [`offset`](TriangleMesh::offset) in STL, to be added again by who reads the file; else `None`.
 pub fn offset_left_out<P: Position>(mesh: &TriangleMesh<P>, format: Format) -> Option<[f64; 3]> {
-    let offset = || Bounds::of(&mesh.verts).map_or([0.0; 3], |bounds| bounds.offset());
-    let narrow = format == Format::Stl && !are_f32(&mesh.verts);
-    narrow.then(offset).filter(|&offset| offset != [0.0; 3])
+    if format == Format::Stl { stl::offset_left_out(mesh) } else { None }
 }
 
 fn emit_mesh(
@@ -203,17 +191,13 @@ fn emit_mesh(
     encoding: Encoding,
 ) -> io::Result<()> {
     let width = Width::of_mesh(&mesh.verts);
-    let local = || mesh.about(offset_left_out(mesh, format).unwrap_or_default());
     let colours = || colours(attributes);
-    match (format, encoding) {
-        (Format::Ply, _) => {
-            ply::write(out, &mesh.verts, width, attributes, Some(&mesh.faces), ply_encoding(encoding))
-        }
-        (Format::Stl, Encoding::Binary) => stl::write_binary(out, &local()),
-        (Format::Stl, Encoding::Ascii) => stl::write_ascii(out, &local()),
-        (Format::Obj, _) => obj::write(out, mesh, width, colours().as_deref()),
-        (Format::Off, _) => off::write(out, mesh, width),
-        (Format::Glb, _) => glb::write(out, mesh, colours().as_deref()),
+    match format {
+        Format::Ply => ply::write(out, &mesh.verts, width, attributes, Some(&mesh.faces), encoding),
+        Format::Stl => stl::write(out, mesh, encoding),
+        Format::Obj => obj::write(out, mesh, width, colours().as_deref()),
+        Format::Off => off::write(out, mesh, width),
+        Format::Glb => glb::write(out, mesh, colours().as_deref()),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a mesh format")),
     }
 }
@@ -226,17 +210,10 @@ fn emit_cloud(
 ) -> io::Result<()> {
     let width = Width::of_cloud(points);
     match format {
-        Format::Ply => ply::write(out, points, width, &[], None, ply_encoding(encoding)),
+        Format::Ply => ply::write(out, points, width, &[], None, encoding),
         Format::Xyz => table::write(out, points, width, " "),
         Format::Csv => table::write(out, points, width, ","),
         _ => Err(io::Error::new(io::ErrorKind::Unsupported, "not a cloud format")),
-    }
-}
-
-fn ply_encoding(encoding: Encoding) -> ply_rs::ply::Encoding {
-    match encoding {
-        Encoding::Binary => ply_rs::ply::Encoding::BinaryLittleEndian,
-        Encoding::Ascii => ply_rs::ply::Encoding::Ascii,
     }
 }
 

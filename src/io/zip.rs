@@ -2,6 +2,7 @@
 
 use std::borrow::Cow;
 
+use super::number::unsigned;
 use crate::{Error, ErrorKind};
 
 /// A file in an archive.
@@ -21,11 +22,6 @@ fn wrong(what: impl Into<String>) -> Error {
     Error::new(ErrorKind::Format, what).advise("fetch the file again")
 }
 
-fn number(bytes: &[u8], at: usize, size: usize) -> Option<u64> {
-    let part = bytes.get(at..at.checked_add(size)?)?;
-    Some(part.iter().rev().fold(0, |all, b| all << 8 | u64::from(*b)))
-}
-
 /// The files of an archive, by the directory at its end.
 pub(super) fn entries(bytes: &[u8]) -> Result<Vec<Entry<'_>>, Error> {
     let cut = || wrong("truncated: the directory at the end of the archive is missing");
@@ -33,15 +29,15 @@ pub(super) fn entries(bytes: &[u8]) -> Result<Vec<Entry<'_>>, Error> {
     let from = bytes.len().saturating_sub(22 + (1 << 16));
     let end = (from..bytes.len().saturating_sub(21)).rev().find(|&at| bytes[at..].starts_with(b"PK\x05\x06"));
     let end = end.ok_or_else(cut)?;
-    let mut count = number(bytes, end + 10, 2).ok_or_else(cut)?;
-    let mut at = number(bytes, end + 16, 4).ok_or_else(cut)?;
+    let mut count = unsigned(bytes, end + 10, 2).ok_or_else(cut)?;
+    let mut at = unsigned(bytes, end + 16, 4).ok_or_else(cut)?;
     // Where these are too small, a longer record stands before the end.
     if (count == 0xffff || at == 0xffff_ffff)
         && let Some(locator) = end.checked_sub(20).filter(|&l| bytes[l..].starts_with(b"PK\x06\x07"))
     {
-        let long = number(bytes, locator + 8, 8).and_then(|n| usize::try_from(n).ok()).ok_or_else(cut)?;
-        count = number(bytes, long.saturating_add(32), 8).ok_or_else(cut)?;
-        at = number(bytes, long.saturating_add(48), 8).ok_or_else(cut)?;
+        let long = unsigned(bytes, locator + 8, 8).and_then(|n| usize::try_from(n).ok()).ok_or_else(cut)?;
+        count = unsigned(bytes, long.saturating_add(32), 8).ok_or_else(cut)?;
+        at = unsigned(bytes, long.saturating_add(48), 8).ok_or_else(cut)?;
     }
     let mut at = usize::try_from(at).map_err(|_| cut())?;
     // A directory entry has 46 bytes at least.
@@ -50,7 +46,7 @@ pub(super) fn entries(bytes: &[u8]) -> Result<Vec<Entry<'_>>, Error> {
         if !bytes.get(at..).is_some_and(|b| b.starts_with(b"PK\x01\x02")) {
             return Err(cut());
         }
-        let field = |offset: usize, size: usize| number(bytes, at + offset, size).ok_or_else(cut);
+        let field = |offset: usize, size: usize| unsigned(bytes, at + offset, size).ok_or_else(cut);
         let (method, mut packed, mut plain) = (field(10, 2)? as u16, field(20, 4)?, field(24, 4)?);
         let (name, extra, comment) = (field(28, 2)? as usize, field(30, 2)? as usize, field(32, 2)? as usize);
         let mut local = field(42, 4)?;
@@ -58,7 +54,8 @@ pub(super) fn entries(bytes: &[u8]) -> Result<Vec<Entry<'_>>, Error> {
         let extras = bytes.get(at + 46 + name..at + 46 + name + extra).ok_or_else(cut)?;
         longer_sizes(extras, [&mut plain, &mut packed, &mut local]);
         let local = usize::try_from(local).map_err(|_| cut())?;
-        let sizes = (number(bytes, local.saturating_add(26), 2), number(bytes, local.saturating_add(28), 2));
+        let sizes =
+            (unsigned(bytes, local.saturating_add(26), 2), unsigned(bytes, local.saturating_add(28), 2));
         let (Some(name_again), Some(extra_again)) = sizes else { return Err(cut()) };
         let data = local + 30 + (name_again + extra_again) as usize;
         let end = usize::try_from(packed).ok().and_then(|n| data.checked_add(n));
@@ -71,13 +68,13 @@ pub(super) fn entries(bytes: &[u8]) -> Result<Vec<Entry<'_>>, Error> {
 
 /// Sizes of 64 bits from the extra fields of an entry, for those that did not fit 32.
 fn longer_sizes(mut extras: &[u8], sizes: [&mut u64; 3]) {
-    while let (Some(id), Some(length)) = (number(extras, 0, 2), number(extras, 2, 2)) {
+    while let (Some(id), Some(length)) = (unsigned(extras, 0, 2), unsigned(extras, 2, 2)) {
         let end = (4 + length as usize).min(extras.len());
         if id == 1 {
             let mut at = 4;
             for size in sizes {
                 if *size == 0xffff_ffff
-                    && let Some(long) = number(&extras[..end], at, 8)
+                    && let Some(long) = unsigned(&extras[..end], at, 8)
                 {
                     (*size, at) = (long, at + 8);
                 }

@@ -15,8 +15,8 @@ mod raster;
 mod shade;
 
 use super::failure::Failure;
-use super::files::is_pipe;
 use super::info::nearest_distances;
+use super::paths::is_pipe;
 use camera::Camera;
 pub use image::Image;
 use raster::Buffer;

@@ -7,7 +7,7 @@ use bijective_sdf::io::Format;
 use bijective_sdf::{Error, ErrorKind};
 
 use super::super::failure::Failure;
-use super::super::files::{Content, Input};
+use super::super::input::{Content, Input};
 
 /// The files of a shape: a cloud to reconstruct and, if there is one, the truth that it was taken from.
 #[derive(Clone, Debug, PartialEq, Eq)]

@@ -22,10 +22,11 @@ mod tables;
 mod work;
 
 use super::Common;
+use super::console::print;
 use super::failure::Failure;
-use super::files::{print, write_bytes};
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::interrupt::Interrupt;
+use super::output::write_bytes;
 use super::preview::{Angles, Axis, View};
 use super::sample::Noise;
 use super::settings::preset_parser;

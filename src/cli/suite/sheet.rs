@@ -7,7 +7,7 @@ use bijective_sdf::io::{read_cloud, read_mesh};
 use rayon::prelude::*;
 
 use super::super::failure::Failure;
-use super::super::files::Content;
+use super::super::input::Content;
 use super::super::preview::{Image, Scene, View};
 use super::plan::Job;
 use super::record::Record;

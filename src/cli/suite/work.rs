@@ -16,10 +16,12 @@ use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::{Reconstruction, Trainer};
 use bijective_sdf::{Error, ErrorKind};
 
+use super::super::console::say;
 use super::super::coverage::TruthCoverage;
 use super::super::failure::Failure;
-use super::super::files::{Content, Input, say, short_enough};
+use super::super::input::{Content, Input};
 use super::super::interrupt::Interrupt;
+use super::super::output::short_enough;
 use super::super::progress::duration;
 use super::super::sample::{Noise, add_noise};
 use super::fingerprint;

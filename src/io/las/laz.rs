@@ -8,8 +8,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 
 use laz::{LasZipDecompressor, LazVlr};
 
+use super::super::number::unsigned;
 use super::super::{Loaded, Want};
-use super::{Header, number, wrong};
+use super::{Header, wrong};
 use crate::{Error, ErrorKind};
 
 /// Unpacks the points.
@@ -43,12 +44,12 @@ pub(super) fn read(bytes: &[u8], header: &Header, want: Want, loaded: &mut Loade
 fn description(bytes: &[u8]) -> Result<&[u8], Error> {
     let cut = || wrong("truncated: the file ends in front of its points");
     // Records with more about the file follow the header.
-    let mut at = number(bytes, 94, 2).ok_or_else(cut)? as usize;
-    for _ in 0..number(bytes, 100, 4).ok_or_else(cut)? {
+    let mut at = unsigned(bytes, 94, 2).ok_or_else(cut)? as usize;
+    for _ in 0..unsigned(bytes, 100, 4).ok_or_else(cut)? {
         let head = bytes.get(at..at + 54).ok_or_else(cut)?;
-        let size = number(head, 20, 2).unwrap_or(0) as usize;
+        let size = unsigned(head, 20, 2).unwrap_or(0) as usize;
         let data = bytes.get(at + 54..at + 54 + size).ok_or_else(cut)?;
-        if head[2..].starts_with(b"laszip encoded") && number(head, 18, 2) == Some(22204) {
+        if head[2..].starts_with(b"laszip encoded") && unsigned(head, 18, 2) == Some(22204) {
             return Ok(data);
         }
         at += 54 + size;
@@ -59,10 +60,10 @@ fn description(bytes: &[u8]) -> Result<&[u8], Error> {
 /// Makes sure that the sizes of records, chunks and layers fit the file.
 fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
     let cut = || wrong("truncated: the description of the packing is not whole");
-    let items = number(vlr, 32, 2).ok_or_else(cut)?;
+    let items = unsigned(vlr, 32, 2).ok_or_else(cut)?;
     let (mut record, mut layers) = (0, 0);
     for i in 0..items as usize {
-        let (kind, size) = (number(vlr, 34 + 6 * i, 2), number(vlr, 36 + 6 * i, 2));
+        let (kind, size) = (unsigned(vlr, 34 + 6 * i, 2), unsigned(vlr, 36 + 6 * i, 2));
         let (Some(kind), Some(size)) = (kind, size) else { return Err(cut()) };
         record += size;
         // Layers of each item kind of LAZ: 10 point (9), 11 RGB (1), 12 RGB and NIR (2), 13 wave packet (1), 14 extra
@@ -83,15 +84,15 @@ fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
     }
     let body = &bytes[header.start..];
     // Packing pointwise, in one piece, has no table.
-    let kind = number(vlr, 0, 2).ok_or_else(cut)?;
+    let kind = unsigned(vlr, 0, 2).ok_or_else(cut)?;
     if kind == 1 {
         return Ok(());
     }
-    let mut table = number(body, 0, 8).ok_or_else(cut)?;
+    let mut table = unsigned(body, 0, 8).ok_or_else(cut)?;
     if table <= header.start as u64 || table > i64::MAX as u64 {
-        table = number(bytes, bytes.len().saturating_sub(8), 8).ok_or_else(cut)?;
+        table = unsigned(bytes, bytes.len().saturating_sub(8), 8).ok_or_else(cut)?;
     }
-    let chunks = usize::try_from(table).ok().and_then(|t| number(bytes, t.checked_add(4)?, 4));
+    let chunks = usize::try_from(table).ok().and_then(|t| unsigned(bytes, t.checked_add(4)?, 4));
     if chunks.is_some_and(|n| n > header.count.min(bytes.len() as u64) + 1) {
         return Err(wrong("the table of the packed chunks is damaged"));
     }
@@ -102,10 +103,10 @@ fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
     let (mut at, mut points) = (8_u64, 0);
     while points < header.count {
         let place = |offset: u64| usize::try_from(at + offset).ok();
-        let count = place(record).and_then(|p| number(body, p, 4)).ok_or_else(cut)?;
+        let count = place(record).and_then(|p| unsigned(body, p, 4)).ok_or_else(cut)?;
         let mut sum = 0;
         for layer in 0..layers {
-            sum += place(record + 4 + 4 * layer).and_then(|p| number(body, p, 4)).ok_or_else(cut)?;
+            sum += place(record + 4 + 4 * layer).and_then(|p| unsigned(body, p, 4)).ok_or_else(cut)?;
         }
         at += record + 4 + 4 * layers + sum;
         points += count;

@@ -2,7 +2,9 @@
 //!
 //! Offsets are those of the public header block of the LAS 1.4 specification (R15, ASPRS 2019).
 
-use super::{Loaded, Want, check_point};
+use super::number::{ByteOrder, NumberType, unsigned};
+use super::precision::check_point;
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
@@ -30,11 +32,6 @@ struct Header {
     start: usize,
     scale: [f64; 3],
     offset: [f64; 3],
-}
-
-fn number(bytes: &[u8], at: usize, size: usize) -> Option<u64> {
-    let part = bytes.get(at..at.checked_add(size)?)?;
-    Some(part.iter().rev().fold(0, |all, b| all << 8 | u64::from(*b)))
 }
 
 fn wrong(what: impl Into<String>) -> Error {
@@ -73,7 +70,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
 impl Header {
     fn parse(bytes: &[u8]) -> Result<Header, Error> {
         let short = || wrong(format!("truncated: the file ends in its header, at {} bytes", bytes.len()));
-        let field = |at: usize, size: usize| number(bytes, at, size).ok_or_else(short);
+        let field = |at: usize, size: usize| unsigned(bytes, at, size).ok_or_else(short);
         let minor = field(25, 1)?;
         if !looks_like_las(bytes) || field(24, 1)? != 1 || minor > 4 {
             return Err(wrong(format!("LAS version {}.{minor} is not known", field(24, 1)?)));
@@ -109,15 +106,12 @@ impl Header {
 
     /// Adds the point of a record, whose first three numbers are its place in steps.
     fn push(&self, row: &[u8], want: Want, loaded: &mut Loaded) -> Result<(), Error> {
-        let step = |axis: usize| {
-            let at = &row[4 * axis..];
-            f64::from(i32::from_le_bytes([at[0], at[1], at[2], at[3]]))
-        };
+        let step = |axis: usize| NumberType::I32.read(&row[4 * axis..], ByteOrder::Little);
         let point = [0, 1, 2].map(|axis| step(axis) * self.scale[axis] + self.offset[axis]);
         check_point(point, want, "point", loaded.verts.len())?;
         loaded.verts.push(point);
         if want == Want::Attributes {
-            let word = |at: usize| f64::from(u16::from_le_bytes([row[at], row[at + 1]]));
+            let word = |at: usize| NumberType::U16.read(&row[at..], ByteOrder::Little);
             // Formats before 6 have flags in the upper bits of the class.
             let class = if self.format < 6 { row[15] & 0x1f } else { row[16] };
             let colour = COLOURS[self.format].map_or([0.0; 3], |at| [0, 2, 4].map(|part| word(at + part)));

@@ -1,8 +1,8 @@
 //! The header of an NPY file: a Python dictionary with the type, the storage order and the shape of the array.
 
+use super::super::number::{ByteOrder, NumberType};
 use super::super::text::show;
 use super::bad_header;
-use crate::geometry::Number;
 use crate::{Error, ErrorKind};
 
 /// What the header says.
@@ -19,28 +19,14 @@ pub(super) struct Header {
 pub(super) struct Field {
     pub name: Option<String>,
     pub offset: usize,
-    number: Binary,
+    pub number: NumberType,
+    order: ByteOrder,
 }
 
 impl Field {
-    /// The type that its values have among the attributes of points: halves become floats of 32 bits, whole numbers of
-    /// 64 bits floats.
-    pub fn kept_as(&self) -> Number {
-        match (self.number.kind, self.number.size) {
-            (b'f', 2 | 4) => Number::F32,
-            (b'i', 1) => Number::I8,
-            (b'u', 1) => Number::U8,
-            (b'i', 2) => Number::I16,
-            (b'u', 2) => Number::U16,
-            (b'i', 4) => Number::I32,
-            (b'u', 4) => Number::U32,
-            _ => Number::F64,
-        }
-    }
-
     /// The number at the beginning of `bytes`.
     pub fn read(&self, bytes: &[u8]) -> f64 {
-        self.number.read(bytes)
+        self.number.read(bytes, self.order)
     }
 }
 
@@ -51,9 +37,8 @@ impl Header {
         let (fields, item) = if descr.starts_with('[') {
             structure(descr)?
         } else {
-            let number = Binary::parse(&quoted(descr).ok_or_else(|| odd_type(descr))?)?;
-            let item = number.size;
-            (vec![Field { name: None, offset: 0, number }], item)
+            let (number, order) = number_type(&quoted(descr).ok_or_else(|| odd_type(descr))?)?;
+            (vec![Field { name: None, offset: 0, number, order }], number.size())
         };
         let fortran = match value_of(text, "fortran_order")? {
             v if v.starts_with("True") => true,
@@ -126,15 +111,15 @@ fn structure(value: &str) -> Result<(Vec<Field>, usize), Error> {
         };
         rest = rest.trim_start().strip_prefix(',').unwrap_or(rest);
         // Fields that are no numbers, such as names or fillers, are passed over.
-        let number = Binary::parse(&kind);
+        let number = number_type(&kind);
         let size = match &number {
-            Ok(number) => number.size,
+            Ok((number, _)) => number.size(),
             Err(_) => void_size(&kind).ok_or_else(|| odd_type(value))?,
         };
-        if let Ok(number) = number
+        if let Ok((number, order)) = number
             && count == 1
         {
-            fields.push(Field { name: Some(name), offset, number });
+            fields.push(Field { name: Some(name), offset, number, order });
         }
         offset = size
             .checked_mul(count)
@@ -177,89 +162,31 @@ fn shape(value: &str) -> Result<Vec<u64>, Error> {
         .ok_or_else(|| wrong(value))
 }
 
-/// The type of the array's numbers.
-#[derive(Clone, Copy, Debug)]
-struct Binary {
-    kind: u8,
-    size: usize,
-    big_endian: bool,
-}
-
-impl Binary {
-    fn parse(descr: &str) -> Result<Binary, Error> {
-        let unsupported = || {
-            Error::new(
-                ErrorKind::Format,
-                format!("numbers of type {} are not supported", show(descr.as_bytes())),
-            )
+/// The type and the byte order that the text of a type such as `<f4` names.
+fn number_type(descr: &str) -> Result<(NumberType, ByteOrder), Error> {
+    let (order, rest) = match descr.as_bytes() {
+        [b'>', rest @ ..] => (ByteOrder::Big, rest),
+        [b'<' | b'=' | b'|', rest @ ..] | rest => (ByteOrder::Little, rest),
+    };
+    let number = match rest {
+        b"f2" => Some(NumberType::F16),
+        b"f4" => Some(NumberType::F32),
+        b"f8" => Some(NumberType::F64),
+        [kind @ (b'i' | b'u'), size @ (b'1' | b'2' | b'4' | b'8')] => {
+            NumberType::integer(usize::from(size - b'0'), *kind == b'i')
+        }
+        _ => None,
+    };
+    number.map(|number| (number, order)).ok_or_else(|| {
+        Error::new(ErrorKind::Format, format!("numbers of type {} are not supported", show(descr.as_bytes())))
             .at_element("NPY header")
             .advise("save floats or integers of at most 64 bits, for example points.astype('float32')")
-        };
-        let (order, rest) = match descr.as_bytes() {
-            [order @ (b'<' | b'>' | b'=' | b'|'), rest @ ..] => (*order, rest),
-            rest => (b'=', rest),
-        };
-        let (kind, size) = match rest {
-            [b'f', size @ (b'2' | b'4' | b'8')] => (b'f', usize::from(size - b'0')),
-            [kind @ (b'i' | b'u'), size @ (b'1' | b'2' | b'4' | b'8')] => (*kind, usize::from(size - b'0')),
-            _ => return Err(unsupported()),
-        };
-        Ok(Binary { kind, size, big_endian: order == b'>' })
-    }
-
-    /// The number in `size` bytes; whole numbers of 64 bits are rounded to the nearest.
-    fn read(&self, bytes: &[u8]) -> f64 {
-        let mut word = [0; 8];
-        for (to, i) in word.iter_mut().zip(0..self.size) {
-            *to = bytes[if self.big_endian { self.size - 1 - i } else { i }];
-        }
-        let bits = u64::from_le_bytes(word);
-        let unused = 64 - 8 * self.size as u32;
-        match (self.kind, self.size) {
-            (b'f', 2) => half(bits as u16),
-            (b'f', 4) => f64::from(f32::from_bits(bits as u32)),
-            (b'f', _) => f64::from_bits(bits),
-            (b'i', _) => ((bits << unused) as i64 >> unused) as f64,
-            _ => bits as f64,
-        }
-    }
-}
-
-/// A 16-bit float: 1 bit of sign, 5 of exponent, 10 of fraction.
-fn half(bits: u16) -> f64 {
-    let sign = if bits & 0x8000 == 0 { 1.0 } else { -1.0 };
-    let exponent = i32::from(bits >> 10 & 0x1f);
-    let fraction = f64::from(bits & 0x3ff);
-    sign * match exponent {
-        0 => fraction * f64::powi(2.0, -24),
-        31 if fraction == 0.0 => f64::INFINITY,
-        31 => f64::NAN,
-        _ => (1024.0 + fraction) * f64::powi(2.0, exponent - 25),
-    }
+    })
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn halves_of_every_kind() {
-        let cases = [
-            (0x0000, 0.0),
-            (0x8000, -0.0),
-            (0x3c00, 1.0),
-            (0xc000, -2.0),
-            (0x3555, 0.333_251_953_125),
-            (0x7bff, 65_504.0),
-            (0x0001, 5.960_464_477_539_063e-8),
-            (0x0400, 6.103_515_625e-5),
-            (0x7c00, f64::INFINITY),
-        ];
-        for (bits, value) in cases {
-            assert_eq!(half(bits).to_bits(), f64::to_bits(value), "{bits:x}");
-        }
-        assert!(half(0x7e00).is_nan());
-    }
 
     #[test]
     fn rows_of_fields_have_their_places() {

@@ -4,9 +4,11 @@
 //! n columns, an image of points (height, width, 3), or rows with named fields x, y and z.
 
 use super::doubt::Evidence;
+use super::number::unsigned;
 use super::options::{Columns, ReadOptions};
+use super::precision::check_point;
 use super::text::show;
-use super::{Loaded, Want, check_point};
+use super::{Loaded, MAX_ATTRIBUTES, Want};
 use crate::geometry::{Attribute, COLOUR};
 use crate::{Error, ErrorKind};
 
@@ -14,9 +16,12 @@ mod header;
 
 use header::Header;
 
-pub(super) const MAGIC: &[u8] = b"\x93NUMPY";
-/// Attributes that are read of an array at most.
-const MAX_ATTRIBUTES: usize = 64;
+const MAGIC: &[u8] = b"\x93NUMPY";
+
+/// Whether the bytes begin like an NPY file.
+pub(super) fn looks_like_npy(bytes: &[u8]) -> bool {
+    bytes.starts_with(MAGIC)
+}
 
 /// Reads n x 3 points.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
@@ -50,7 +55,7 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         .map(|&(column, field)| {
             let field = &header.fields[field];
             let name = field.name.clone().unwrap_or_else(|| format!("column_{}", column + 1));
-            Attribute { name, number: field.kept_as(), values: Vec::with_capacity(layout.points) }
+            Attribute { name, number: field.number.kept_as(), values: Vec::with_capacity(layout.points) }
         })
         .collect();
     for i in 0..layout.points {
@@ -123,7 +128,7 @@ pub(super) fn columns(bytes: &[u8], name: &str) -> Result<Vec<Attribute>, Error>
                 (None, None) => format!("{name}_{}", column + 1),
             };
             let values = (0..rows).map(value).collect();
-            all.push(Attribute { name, number: field.kept_as(), values });
+            all.push(Attribute { name, number: field.number.kept_as(), values });
         }
     }
     Ok(all)
@@ -287,20 +292,14 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Error> {
         )
         .advise("fetch the file again")
     };
-    if !bytes.starts_with(MAGIC) {
+    if !looks_like_npy(bytes) {
         return Err(Error::new(ErrorKind::Format, "the file does not begin with the mark of an NPY file")
             .advise("write it with numpy.save(path, points)"));
     }
     let version = *bytes.get(6).ok_or_else(short)?;
     let (length, start) = match version {
-        1 => {
-            let b = bytes.get(8..10).ok_or_else(short)?;
-            (u64::from(u16::from_le_bytes([b[0], b[1]])), 10)
-        }
-        2 | 3 => {
-            let b = bytes.get(8..12).ok_or_else(short)?;
-            (u64::from(u32::from_le_bytes([b[0], b[1], b[2], b[3]])), 12)
-        }
+        1 => (unsigned(bytes, 8, 2).ok_or_else(short)?, 10),
+        2 | 3 => (unsigned(bytes, 8, 4).ok_or_else(short)?, 12),
         other => return Err(bad_header(format!("version {other} is unknown"))),
     };
     if length > (bytes.len() - start) as u64 {

@@ -1,15 +1,19 @@
 //! PCD, the format of the Point Cloud Library: text, binary, and binary packed with LZF.
 
-use super::text::{Lines, float, integer, not_a_number, show, words};
-use super::{Loaded, Want, check_point};
+use super::text::{Lines, float, words};
+use super::{Loaded, Want};
 use crate::geometry::{Attribute, COLOUR, Number};
 use crate::{Error, ErrorKind};
 
+mod data;
+mod header;
 mod lzf;
+
+use data::{Order, Places};
+use header::{Data, Header};
 
 /// Names of the fields of a normal's components.
 const NORMAL_FIELDS: [[&str; 2]; 3] = [["normal_x", "nx"], ["normal_y", "ny"], ["normal_z", "nz"]];
-const MAX_HEADER: usize = 1 << 20;
 
 /// Whether the bytes begin with the header of a PCD file.
 pub(super) fn looks_like_pcd(bytes: &[u8]) -> bool {
@@ -24,78 +28,6 @@ pub(super) fn looks_like_pcd(bytes: &[u8]) -> bool {
             _ => false,
         }
     })
-}
-
-/// A column, or several of one name.
-struct Field {
-    name: String,
-    size: usize,
-    kind: u8,
-    count: usize,
-    /// Where it begins in a row, in bytes.
-    offset: usize,
-    /// Where it begins in a line of text, in words.
-    word: usize,
-}
-
-/// The fields that are read, by their numbers in the header.
-struct Places {
-    point: [usize; 3],
-    normal: Option<[usize; 3]>,
-    /// Those of the attributes.
-    more: Vec<usize>,
-}
-
-impl Field {
-    /// The attribute that it becomes, without values yet.
-    fn attribute(&self) -> Attribute {
-        let number = match (self.kind, self.size) {
-            (b'F', 4) => Number::F32,
-            (b'I', 1) => Number::I8,
-            (b'U', 1) => Number::U8,
-            (b'I', 2) => Number::I16,
-            (b'U', 2) => Number::U16,
-            (b'I', 4) => Number::I32,
-            (b'U', 4) => Number::U32,
-            _ => Number::F64,
-        };
-        Attribute { name: self.name.clone(), number, values: Vec::new() }
-    }
-
-    fn number(&self, bytes: &[u8]) -> f64 {
-        let mut word = [0; 8];
-        word[..self.size].copy_from_slice(&bytes[..self.size]);
-        let bits = u64::from_le_bytes(word);
-        let unused = 64 - 8 * self.size as u32;
-        match (self.kind, self.size) {
-            (b'F', 4) => f64::from(f32::from_bits(bits as u32)),
-            (b'F', _) => f64::from_bits(bits),
-            (b'I', _) => ((bits << unused) as i64 >> unused) as f64,
-            _ => bits as f64,
-        }
-    }
-}
-
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Data {
-    Ascii,
-    Binary,
-    Packed,
-}
-
-struct Header {
-    fields: Vec<Field>,
-    points: u64,
-    /// The points as rows and columns of an image, where they are no mere list.
-    organised: bool,
-    viewpoint: Option<Vec<f64>>,
-    data: Data,
-    /// Where the data begin, in bytes.
-    body: usize,
-    /// Lines of the header.
-    lines: u64,
-    /// Bytes of a point.
-    row: usize,
 }
 
 /// Reads n x 3 points and, if there are any, their normals.
@@ -126,11 +58,11 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     let places = Places { point, normal, more };
     let body = &bytes[header.body..];
     match header.data {
-        Data::Ascii => text(&header, body, &places, want, &mut loaded)?,
-        Data::Binary => binary(&header, body, Order::Rows, &places, want, &mut loaded)?,
+        Data::Ascii => data::text(&header, body, &places, want, &mut loaded)?,
+        Data::Binary => data::binary(&header, body, Order::Rows, &places, want, &mut loaded)?,
         Data::Packed => {
-            let columns = header.unpack(body)?;
-            binary(&header, &columns, Order::Columns, &places, want, &mut loaded)?;
+            let columns = data::unpack(&header, body)?;
+            data::binary(&header, &columns, Order::Columns, &places, want, &mut loaded)?;
         }
     }
     unpack_colours(&mut loaded, &header, &places.more);
@@ -155,7 +87,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
 fn unpack_colours(loaded: &mut Loaded, header: &Header, fields: &[usize]) {
     let packed = |(a, &i): (&Attribute, &usize)| {
         let named = ["rgb", "rgba"].iter().any(|name| a.name.eq_ignore_ascii_case(name));
-        named && header.fields[i].size == 4
+        named && header.fields[i].number.size() == 4
     };
     let Some(at) = loaded.attributes.iter().zip(fields).position(packed) else { return };
     let Attribute { number, values, .. } = loaded.attributes.remove(at);
@@ -173,253 +105,8 @@ fn unpack_colours(loaded: &mut Loaded, header: &Header, fields: &[usize]) {
     loaded.attributes.extend(COLOUR.into_iter().zip([16, 8, 0]).map(part));
 }
 
-impl Header {
-    fn parse(bytes: &[u8]) -> Result<Header, Error> {
-        let mut names: Vec<String> = Vec::new();
-        let (mut sizes, mut kinds, mut counts): (Vec<usize>, Vec<u8>, Vec<usize>) = Default::default();
-        let (mut width, mut height, mut points, mut viewpoint) = (None, None, None, None);
-        let mut at = 0;
-        let mut number = 0;
-        loop {
-            // Binary data may begin with half a line ending, so lines end at the line feed alone.
-            let rest = &bytes[at.min(bytes.len())..];
-            let Some(length) = rest.iter().take(MAX_HEADER).position(|&b| b == b'\n') else {
-                return Err(wrong("truncated: the header ends without a line DATA").at_line(number + 1));
-            };
-            let line = rest[..length].trim_ascii();
-            (at, number) = (at + length + 1, number + 1);
-            if at > MAX_HEADER {
-                return Err(wrong("the header is longer than 1 MiB").at_line(number));
-            }
-            let mut parts = words(line);
-            let Some(keyword) = parts.next() else { continue };
-            if keyword.starts_with(b"#") {
-                continue;
-            }
-            let parts: Vec<&[u8]> = parts.collect();
-            let here = |e: Error| e.at_line(number);
-            let whole = |word: &[u8]| {
-                integer(word)
-                    .and_then(|n| u64::try_from(n).ok())
-                    .ok_or_else(|| here(wrong(format!("{} is not a count", show(word)))))
-            };
-            let one = || parts.first().copied().unwrap_or_default();
-            match keyword {
-                b"VERSION" => {}
-                b"FIELDS" | b"COLUMNS" => {
-                    names = parts.iter().map(|p| String::from_utf8_lossy(p).into_owned()).collect();
-                }
-                b"SIZE" => {
-                    for word in &parts {
-                        let size = whole(word)?;
-                        if ![1, 2, 4, 8].contains(&size) {
-                            return Err(here(wrong(format!("numbers of {size} bytes are not known"))));
-                        }
-                        sizes.push(size as usize);
-                    }
-                }
-                b"TYPE" => kinds = parts.iter().map(|p| p.first().copied().unwrap_or(b'?')).collect(),
-                b"COUNT" => {
-                    for word in &parts {
-                        let count = whole(word)?;
-                        if count == 0 || count > 1 << 16 {
-                            return Err(here(wrong(format!("a field of {count} numbers is not possible"))));
-                        }
-                        counts.push(count as usize);
-                    }
-                }
-                b"WIDTH" => width = Some(whole(one())?),
-                b"HEIGHT" => height = Some(whole(one())?),
-                b"POINTS" => points = Some(whole(one())?),
-                b"VIEWPOINT" => viewpoint = parts.iter().map(|p| float(p)).collect::<Option<Vec<f64>>>(),
-                b"DATA" => {
-                    let data = match one() {
-                        w if w.eq_ignore_ascii_case(b"ascii") => Data::Ascii,
-                        w if w.eq_ignore_ascii_case(b"binary") => Data::Binary,
-                        w if w.eq_ignore_ascii_case(b"binary_compressed") => Data::Packed,
-                        w => return Err(here(wrong(format!("unknown data {}", show(w))))),
-                    };
-                    let area = width.and_then(|w| w.checked_mul(height.unwrap_or(1)));
-                    let Some(count) = points.or(area) else {
-                        return Err(here(wrong("neither POINTS nor WIDTH says how many points there are")));
-                    };
-                    if area.is_some_and(|area| area != count) {
-                        return Err(here(wrong(format!(
-                            "POINTS is {count}, but WIDTH times HEIGHT is {}",
-                            area.unwrap_or(0)
-                        ))));
-                    }
-                    counts.resize(if counts.is_empty() { names.len() } else { counts.len() }, 1);
-                    let all = names.len();
-                    if all == 0 || [sizes.len(), kinds.len(), counts.len()].iter().any(|n| *n != all) {
-                        return Err(here(wrong("FIELDS, SIZE, TYPE and COUNT have not the same length")));
-                    }
-                    let (mut offset, mut word, mut fields) = (0, 0, Vec::new());
-                    for (i, name) in names.into_iter().enumerate() {
-                        let (size, kind, count) = (sizes[i], kinds[i].to_ascii_uppercase(), counts[i]);
-                        if !matches!((kind, size), (b'F', 4 | 8) | (b'I' | b'U', _)) && name != "_" {
-                            return Err(here(wrong(format!(
-                                "field {name} has the type {} of {size} bytes",
-                                char::from(kind)
-                            ))));
-                        }
-                        fields.push(Field { name, size, kind, count, offset, word });
-                        offset += size * count;
-                        word += count;
-                    }
-                    let organised = height.is_some_and(|h| h > 1) && width.is_some_and(|w| w > 1);
-                    let (body, lines, row) = (at, number, offset);
-                    return Ok(Header {
-                        fields,
-                        points: count,
-                        organised,
-                        viewpoint,
-                        data,
-                        body,
-                        lines,
-                        row,
-                    });
-                }
-                other => return Err(here(wrong(format!("{} is not a PCD header line", show(other))))),
-            }
-        }
-    }
-
-    /// The number of points, if as many rows are there.
-    fn rows(&self, bytes: usize) -> Result<usize, Error> {
-        let needed = self.points.checked_mul(self.row as u64);
-        match needed.filter(|n| *n <= bytes as u64) {
-            Some(_) => Ok(self.points as usize),
-            None => Err(Error::new(
-                ErrorKind::Format,
-                format!(
-                    "truncated: {} points of {} bytes promised, {bytes} bytes are there",
-                    self.points, self.row
-                ),
-            )
-            .advise("fetch the file again")),
-        }
-    }
-
-    /// The columns of a packed file, one behind the other.
-    fn unpack(&self, body: &[u8]) -> Result<Vec<u8>, Error> {
-        let size =
-            |at: usize| body.get(at..at + 4).map(|b| u32::from_le_bytes([b[0], b[1], b[2], b[3]]) as usize);
-        let (Some(packed), Some(plain)) = (size(0), size(4)) else {
-            return Err(wrong("truncated: the sizes of the packed data are missing"));
-        };
-        let Some(bytes) = body.get(8..).and_then(|b| b.get(..packed)) else {
-            return Err(wrong(format!(
-                "truncated: {packed} packed bytes promised, {} are there",
-                body.len().saturating_sub(8)
-            )));
-        };
-        let rows = self.rows(plain)?;
-        let columns = if packed == 0 && plain == 0 { Some(Vec::new()) } else { lzf::unpack(bytes, plain) };
-        let columns = columns.ok_or_else(|| wrong("the packed data are damaged"))?;
-        debug_assert!(columns.len() >= rows * self.row);
-        Ok(columns)
-    }
-}
-
 fn wrong(what: impl Into<String>) -> Error {
     Error::new(ErrorKind::Format, what).advise("the file is damaged or not PCD; export it again")
-}
-
-fn push(
-    loaded: &mut Loaded,
-    index: usize,
-    want: Want,
-    point: [f64; 3],
-    normal: Option<[f64; 3]>,
-) -> Result<(), Error> {
-    check_point(point, want, "point", index)?;
-    loaded.verts.push(point);
-    if let Some(normal) = normal {
-        loaded.normals.push(normal.map(|x| x as f32));
-    }
-    Ok(())
-}
-
-fn text(header: &Header, body: &[u8], places: &Places, want: Want, loaded: &mut Loaded) -> Result<(), Error> {
-    let mut found = 0;
-    for (number, line) in Lines::after(body, header.lines) {
-        if line.trim_ascii().is_empty() || line.trim_ascii().starts_with(b"#") {
-            continue;
-        }
-        let at = |e: Error| e.at_line(number).at_element(format!("point {found}"));
-        let parts: Vec<&[u8]> = words(line).collect();
-        let value = |field: usize| {
-            let word = parts.get(header.fields[field].word).copied().ok_or_else(|| {
-                let all: usize = header.fields.iter().map(|f| f.count).sum();
-                Error::new(ErrorKind::Format, format!("{all} numbers expected, {} found", parts.len()))
-                    .advise("complete the line or delete it")
-            })?;
-            float(word).ok_or_else(|| not_a_number(word))
-        };
-        let mut position = [0.0; 3];
-        for (to, field) in position.iter_mut().zip(places.point) {
-            *to = value(field).map_err(at)?;
-        }
-        let normal = places.normal.map(|n| n.map(|field| value(field).unwrap_or(f64::NAN)));
-        for (attribute, &field) in loaded.attributes.iter_mut().zip(&places.more) {
-            let value = value(field).unwrap_or(f64::NAN);
-            // Only floats can say that there is no value.
-            if !value.is_finite() && attribute.number != Number::F32 {
-                attribute.number = Number::F64;
-            }
-            let narrow = attribute.number == Number::F32;
-            attribute.values.push(if narrow { f64::from(value as f32) } else { value });
-        }
-        push(loaded, found, want, position, normal).map_err(|e| e.at_line(number))?;
-        found += 1;
-    }
-    if found as u64 != header.points {
-        let what = if (found as u64) < header.points { "the file may be cut short" } else { "all were read" };
-        loaded
-            .warnings
-            .push(format!("the header promises {} points, {found} are there; {what}", header.points));
-    }
-    Ok(())
-}
-
-/// Where the values of binary data lie.
-#[derive(Clone, Copy)]
-enum Order {
-    /// All fields of a point together, point by point.
-    Rows,
-    /// All numbers of a field before those of the next.
-    Columns,
-}
-
-fn binary(
-    header: &Header,
-    body: &[u8],
-    order: Order,
-    places: &Places,
-    want: Want,
-    loaded: &mut Loaded,
-) -> Result<(), Error> {
-    let rows = header.rows(body.len())?;
-    loaded.verts.reserve_exact(rows);
-    for i in 0..rows {
-        let value = |field: usize| {
-            let field = &header.fields[field];
-            field.number(match order {
-                Order::Rows => &body[i * header.row + field.offset..],
-                Order::Columns => &body[rows * field.offset + i * field.size * field.count..],
-            })
-        };
-        for (attribute, &field) in loaded.attributes.iter_mut().zip(&places.more) {
-            attribute.values.push(value(field));
-        }
-        push(loaded, i, want, places.point.map(value), places.normal.map(|n| n.map(value)))?;
-    }
-    let tail = body.len() - rows * header.row;
-    if tail > 0 {
-        loaded.notices.push(format!("ignored {tail} bytes behind the last point"));
-    }
-    Ok(())
 }
 
 #[cfg(test)]

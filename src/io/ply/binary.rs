@@ -5,8 +5,10 @@ use std::io;
 use ply_rs::parser::{ParseError, Parser};
 use ply_rs::ply::{BeginList, ElementDef, Encoding, PropertyAccess, PropertyAccessResult, PropertyType};
 
-use super::super::{Loaded, NORMAL_NAMES, Want, check_point, push_fan};
-use super::header::{Header, size};
+use super::super::polygon::push_fan;
+use super::super::precision::check_point;
+use super::super::{Loaded, NORMAL_NAMES, Want};
+use super::header::{Header, number_type};
 use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::{Error, ErrorKind};
 
@@ -60,19 +62,19 @@ pub(super) fn read(header: &Header, mut body: &[u8], want: Want, loaded: &mut Lo
 
 /// Passes over an element that is not of interest.
 fn skip(decoder: &Decoder, body: &mut &[u8], def: &ElementDef) -> Result<(), Error> {
-    let one: Option<u64> = def
+    let one: Option<usize> = def
         .properties
         .values()
         .map(|p| match &p.data_type {
-            PropertyType::Scalar(t) => Some(size(t)),
+            PropertyType::Scalar(t) => Some(number_type(t).size()),
             PropertyType::List(..) => None,
         })
         .sum();
     if let Some(one) = one {
         // The header check made sure of the product; lists before may have used up the bytes, though.
-        let bytes = def.count * one as usize;
+        let bytes = def.count * one;
         if bytes > body.len() {
-            return Err(cut_short(def, body.len() / one as usize));
+            return Err(cut_short(def, body.len() / one));
         }
         *body = &body[bytes..];
         return Ok(());

@@ -6,6 +6,7 @@
 
 use ply_rs::ply::{Addable, ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
 
+use super::super::number::NumberType;
 use super::super::text::{show, words};
 use crate::{Error, ErrorKind};
 
@@ -115,18 +116,22 @@ impl Header {
     fn least_bytes(&self, property: &PropertyType) -> u64 {
         match (&self.encoding, property) {
             (Encoding::Ascii, _) => 2,
-            (_, PropertyType::Scalar(t) | PropertyType::List(t, _)) => size(t),
+            (_, PropertyType::Scalar(t) | PropertyType::List(t, _)) => number_type(t).size() as u64,
         }
     }
 }
 
-/// The bytes of a binary number.
-pub(super) fn size(scalar: &ScalarType) -> u64 {
+/// The type of a number, in the words of `ply_rs` and in ours.
+pub(super) fn number_type(scalar: &ScalarType) -> NumberType {
     match scalar {
-        ScalarType::Char | ScalarType::UChar => 1,
-        ScalarType::Short | ScalarType::UShort => 2,
-        ScalarType::Int | ScalarType::UInt | ScalarType::Float => 4,
-        ScalarType::Double => 8,
+        ScalarType::Char => NumberType::I8,
+        ScalarType::UChar => NumberType::U8,
+        ScalarType::Short => NumberType::I16,
+        ScalarType::UShort => NumberType::U16,
+        ScalarType::Int => NumberType::I32,
+        ScalarType::UInt => NumberType::U32,
+        ScalarType::Float => NumberType::F32,
+        ScalarType::Double => NumberType::F64,
     }
 }
 

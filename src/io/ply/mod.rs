@@ -4,24 +4,31 @@
 //! the grammar of `ply_rs` refuses numbers such as `1.` and `.5`, blank lines, and an integer property written as
 //! `3.0`, all of which real files have.
 
-use std::io::{self, Write};
-
 use ply_rs::ply::{ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
 
-use super::text::write_position;
-use super::width::Width;
 use super::{Loaded, NORMAL_NAMES, Want};
-use crate::geometry::{Attribute, Number};
+use crate::geometry::Attribute;
 use crate::{Error, ErrorKind};
 
 mod binary;
 mod header;
 mod text;
+mod write;
 
-use header::Header;
+use header::{Header, number_type};
+
+pub(super) use write::write;
+#[cfg(test)]
+pub(super) use write::write_encoded;
 
 /// The two names that the corner list of a face goes by.
 const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
+
+/// Whether the first line of the bytes is `ply`.
+pub(super) fn looks_like_ply(bytes: &[u8]) -> bool {
+    let line = bytes[..bytes.len().min(64)].split(|b| b"\n\r".contains(b)).next().unwrap_or_default();
+    line.len() < bytes.len() && line.trim_ascii_end() == b"ply"
+}
 
 /// Reads v x 3 positions and, if wanted, polygons cut into f x 3 triangles.
 pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
@@ -44,99 +51,6 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         }
     }
     Ok(loaded)
-}
-
-/// Writes a cloud, or with `faces` a mesh, with one property more for each attribute; the caller has checked that
-/// indices fit `i32`, and that each attribute has a value a vertex and a name of its own.
-pub(super) fn write(
-    out: &mut dyn Write,
-    verts: &[[f64; 3]],
-    width: Width,
-    attributes: &[Attribute],
-    faces: Option<&[[u32; 3]]>,
-    encoding: Encoding,
-) -> io::Result<()> {
-    write!(out, "ply\nformat {encoding} 1.0\nelement vertex {}\n", verts.len())?;
-    let number = match width {
-        Width::Single => "float",
-        Width::Double => "double",
-    };
-    write!(out, "property {number} x\nproperty {number} y\nproperty {number} z\n")?;
-    for attribute in attributes {
-        writeln!(out, "property {} {}", type_name(attribute.number), attribute.name)?;
-    }
-    if let Some(faces) = faces {
-        write!(out, "element face {}\nproperty list uchar int vertex_indices\n", faces.len())?;
-    }
-    out.write_all(b"end_header\n")?;
-    let faces = faces.unwrap_or_default();
-    if encoding == Encoding::Ascii {
-        for (i, &p) in verts.iter().enumerate() {
-            write_position(out, p, width, " ")?;
-            for attribute in attributes {
-                match attribute.number {
-                    Number::F32 => write!(out, " {}", attribute.values[i] as f32)?,
-                    _ => write!(out, " {}", attribute.values[i])?,
-                }
-            }
-            out.write_all(b"\n")?;
-        }
-        for [a, b, c] in faces {
-            writeln!(out, "3 {a} {b} {c}")?;
-        }
-        return Ok(());
-    }
-    let little = encoding == Encoding::BinaryLittleEndian;
-    let mut bytes = Vec::with_capacity(64);
-    for (i, p) in verts.iter().enumerate() {
-        bytes.clear();
-        let position = match width {
-            Width::Single => Number::F32,
-            Width::Double => Number::F64,
-        };
-        p.iter().for_each(|&x| push(&mut bytes, x, position, little));
-        attributes.iter().for_each(|a| push(&mut bytes, a.values[i], a.number, little));
-        out.write_all(&bytes)?;
-    }
-    for face in faces {
-        let mut row = [3; 13];
-        let indices = face.map(|i| if little { i.to_le_bytes() } else { i.to_be_bytes() });
-        row[1..].copy_from_slice(indices.as_flattened());
-        out.write_all(&row)?;
-    }
-    Ok(())
-}
-
-/// The name of a type in a header.
-fn type_name(number: Number) -> &'static str {
-    match number {
-        Number::I8 => "char",
-        Number::U8 => "uchar",
-        Number::I16 => "short",
-        Number::U16 => "ushort",
-        Number::I32 => "int",
-        Number::U32 => "uint",
-        Number::F32 => "float",
-        Number::F64 => "double",
-    }
-}
-
-/// Adds the bytes of a number; what an integer cannot hold becomes its nearest.
-fn push(bytes: &mut Vec<u8>, x: f64, number: Number, little: bool) {
-    let start = bytes.len();
-    match number {
-        Number::I8 => bytes.extend((x as i8).to_le_bytes()),
-        Number::U8 => bytes.push(x as u8),
-        Number::I16 => bytes.extend((x as i16).to_le_bytes()),
-        Number::U16 => bytes.extend((x as u16).to_le_bytes()),
-        Number::I32 => bytes.extend((x as i32).to_le_bytes()),
-        Number::U32 => bytes.extend((x as u32).to_le_bytes()),
-        Number::F32 => bytes.extend((x as f32).to_le_bytes()),
-        Number::F64 => bytes.extend(x.to_le_bytes()),
-    }
-    if !little {
-        bytes[start..].reverse();
-    }
 }
 
 /// Makes sure that there are faces with exactly one corner list.
@@ -203,17 +117,11 @@ fn attributes(vertex: &ElementDef) -> Vec<Attribute> {
     let one = |(name, property): (&String, &PropertyDef)| {
         let PropertyType::Scalar(kind) = &property.data_type else { return None };
         let other = axis_of(name).is_none() && !NORMAL_NAMES.contains(&name.as_str());
-        let number = match kind {
-            ScalarType::Char => Number::I8,
-            ScalarType::UChar => Number::U8,
-            ScalarType::Short => Number::I16,
-            ScalarType::UShort => Number::U16,
-            ScalarType::Int => Number::I32,
-            ScalarType::UInt => Number::U32,
-            ScalarType::Float => Number::F32,
-            ScalarType::Double => Number::F64,
-        };
-        other.then(|| Attribute { name: name.clone(), number, values: Vec::new() })
+        other.then(|| Attribute {
+            name: name.clone(),
+            number: number_type(kind).kept_as(),
+            values: Vec::new(),
+        })
     };
     vertex.properties.iter().filter_map(one).collect()
 }
@@ -244,6 +152,7 @@ fn cut_short(def: &ElementDef, index: usize) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use super::super::encoding::Width;
     use super::*;
     use crate::geometry::{about, widened};
     use ply_rs::parser::Parser;
@@ -441,7 +350,7 @@ mod tests {
             let faces: Vec<[u32; 3]> = picks.iter().map(|f| f.map(|i| i % verts.len() as u32)).collect();
             for encoding in ENCODINGS {
                 let mut bytes = Vec::new();
-                write(&mut bytes, &widened(&verts), Width::Single, &[], Some(&faces), encoding).unwrap();
+                write_encoded(&mut bytes, &widened(&verts), Width::Single, &[], Some(&faces), encoding).unwrap();
                 let loaded = read(&bytes, Want::Mesh).unwrap();
                 let read = about(&loaded.verts, [0.0; 3]);
                 prop_assert_eq!(bits(&read), bits(&verts));

@@ -2,11 +2,13 @@
 
 use ply_rs::ply::{ElementDef, PropertyType, ScalarType};
 
-use super::super::text::{Lines, float, integer, not_a_number, show, words};
-use super::super::{Loaded, NORMAL_NAMES, Want, check_point, push_fan, round_to_floats};
+use super::super::polygon::push_fan;
+use super::super::precision::{check_point, round_to_floats};
+use super::super::text::{Lines, float, integer, not_a_number, push_value, show, words};
+use super::super::{Loaded, NORMAL_NAMES, Want};
 use super::header::Header;
 use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
-use crate::geometry::{Attribute, Number};
+use crate::geometry::Attribute;
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.
@@ -80,13 +82,7 @@ fn vertex_of(
         } else if let Some(axis) = NORMAL_NAMES.iter().position(|a| *a == name) {
             normal[axis] = values.first().and_then(|v| float(v)).map_or(f32::NAN, |n| n as f32);
         } else if let Some(attribute) = more.next_if(|a| a.name == name) {
-            let value = float(values[0]).unwrap_or(f64::NAN);
-            // Only floats can say that there is no value.
-            if !value.is_finite() && attribute.number != Number::F32 {
-                attribute.number = Number::F64;
-            }
-            let narrow = attribute.number == Number::F32;
-            attribute.values.push(if narrow { f64::from(value as f32) } else { value });
+            push_value(attribute, float(values[0]).unwrap_or(f64::NAN));
         }
         Ok(())
     })?;

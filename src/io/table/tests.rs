@@ -1,4 +1,5 @@
 use super::*;
+use crate::geometry::Number;
 
 const TWO: [[f64; 3]; 2] = [[1.0, 2.0, 3.0], [-4.5, 0.001, 6.0]];
 

@@ -1,6 +1,17 @@
-//! With how many bits coordinates are written.
+//! How numbers are written: as bytes or as digits, with 32 or with 64 bits.
 
 use crate::geometry::{Bounds, are_f32};
+
+/// Whether numbers are written as bytes or as digits; both read back to the same bits.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Encoding {
+    /// Little-endian binary where the format has it, else text.
+    #[default]
+    Binary,
+    /// Text.
+    Ascii,
+}
 
 /// The bits that a coordinate is written with.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

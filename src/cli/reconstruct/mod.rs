@@ -5,33 +5,41 @@ use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use bijective_sdf::bsp::Parameterization;
-use bijective_sdf::geometry::{Bounds, Topology, clean_cloud};
 use bijective_sdf::io::Format;
 use bijective_sdf::reconstruct::{Config, Hints, Preset, Reconstruction, Saved, SavedKind};
 use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 
 use super::Common;
-use super::carry::{Carried, check_format, vertex_attributes};
-use super::cleaning::{Outliers, doubts, strays, without};
-use super::codes::CodesFiles;
-use super::coverage::{coverage_json, coverage_text};
+use super::carry::vertex_attributes;
+use super::cleaning::Outliers;
+use super::console::print;
+use super::coverage::coverage_text;
 use super::failure::Failure;
-use super::files::{
-    CLOUD_FORMATS, Input, MESH_FORMATS, Output, check_apart, check_writable, format_parser, is_pipe,
-    is_same_file, offset_text, print, say, say_all_but_last, write_bytes,
-};
 use super::fineness::FinenessArgs;
+use super::formats::format_parser;
+use super::input::Input;
 use super::interrupt::Interrupt;
-use super::json::{Object, list, number, quoted};
 use super::lock::Lock;
-use super::preview::{View, ViewArgs, check_picture, render};
+use super::output::write_bytes;
+use super::paths::is_pipe;
+use super::preview::{View, ViewArgs, render};
 use super::reading::ReadArgs;
-use super::report::{gate, gate_open, passes_gate, topology_json};
+use super::report::{gate, gate_open};
 use super::settings::Settings;
 use super::sides::{SidesArgs, three_numbers};
-use super::train::{Trained, TrainingPlan, train};
+use super::train::{TrainingPlan, train};
 use super::trim::TrimArgs;
+
+mod cloud;
+mod outputs;
+mod summary;
+
+pub use summary::describe;
+
+use cloud::Prepared;
+use outputs::{Outputs, Written, behind};
+use summary::Run;
 
 /// Seconds between two checkpoints.
 const CHECKPOINT_SECONDS: u64 = 60;
@@ -110,6 +118,28 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| "a number of seconds expected".into())
 }
 
+/// Tells that a cloud of more than `limit` points keeps its first shape, if the options would train a smaller one.
+///
+/// # Errors
+/// [`Failure::Usage`] if something is asked for that only a training makes.
+fn untrained(args: &ReconstructArgs, config: &Config, limit: usize, common: Common) -> Result<(), Failure> {
+    if config.stages.is_empty() || !config.scale_with_points {
+        return Ok(());
+    }
+    let asked = [(args.surface_points.is_some(), "--surface-points"), (args.codes.is_some(), "--codes")];
+    if let Some((_, option)) = asked.iter().find(|(given, _)| *given) {
+        return Err(Failure::Usage(format!(
+            "{option} needs a training, which clouds of more than {limit} points do not have unless \
+             --set train_up_to=all is given"
+        )));
+    }
+    common.note(&format!(
+        "nothing is trained for more than {limit} points: their first shape is the better one (--set train_up_to=all \
+         trains in any case)"
+    ));
+    Ok(())
+}
+
 /// Reconstructs a cloud.
 pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let began = Instant::now();
@@ -130,51 +160,16 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
     let interrupt = Interrupt::install("giving up the step and writing a checkpoint")?;
-    let input = if args.carry {
-        args.reading.with_attributes(&args.input)?
-    } else {
-        args.reading.input(&args.input)?
-    };
-    let cloud = input.cloud()?;
-    common.tell(&cloud.warnings, &cloud.notices);
-    // The same check as the library's, here for its numbers and for an error that names the file.
-    let clean = clean_cloud(&cloud.points).map_err(|e| Failure::Input(e.in_file(input.path())))?;
-    // So that strays, too, do not depend on the order of the points.
-    let clean = clean.sorted();
-    if clean.duplicates_merged > 0 {
-        common.note(&format!("left out {} points that repeat others", clean.duplicates_merged));
-    }
-    let (stray, told) = strays(&clean.points, args.outliers);
-    let left_out = if args.outliers == Outliers::Keep { &[][..] } else { &stray };
-    let points = without(&clean.points, left_out);
-    let mut warnings = cloud.warnings.clone();
-    let rest = clean_cloud(&points).map_err(|e| Failure::Input(e.in_file(input.path())))?;
-    let doubts: Vec<String> = told.into_iter().chain(doubts(&rest)).collect();
-    common.tell(&doubts, &[]);
-    warnings.extend(doubts);
-    let kept_points = without(&clean.given, left_out);
-    let sides = args.sides.of(&cloud, &points, &kept_points);
-    common.tell(&sides.warnings, &sides.notes);
-    warnings.extend(sides.warnings);
-    let (notices, rows_left_out) = (cloud.notices.clone(), cloud.left_out);
-    let (carried, left_behind) = if args.carry {
-        Carried::new(cloud, &kept_points, &outputs.mesh, common)
-    } else {
-        Default::default()
-    };
-    warnings.extend(left_behind);
-    let offset = Bounds::of(&points)?.offset();
-    if offset != [0.0; 3] {
-        common.note(&format!(
-            "the coordinates are large: the work is done about the offset {}, which is in all results again",
-            offset_text(offset)
-        ));
-    }
+    let cloud = Prepared::read(args, &outputs.mesh, common)?;
+    let points = &cloud.points;
     common.note(&format!("{} points, preset {preset}, seed {}", points.len(), config.seed));
+    if let (false, Some(limit)) = (config.trains(points.len()), config.train_up_to) {
+        untrained(args, &config, limit, common)?;
+    }
 
     let mut trained = {
-        let hints = Hints { normals: sides.normals.as_deref(), anisotropy: args.anisotropy };
-        train(&points, &config, &hints, &plan(args, common), Some(&interrupt))?
+        let hints = Hints { normals: cloud.normals.as_deref(), anisotropy: args.anisotropy };
+        train(points, &config, &hints, &plan(args, common), Some(&interrupt))?
     };
     if trained.timed_out {
         common.note(&format!(
@@ -198,7 +193,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.cloud(), common));
     let mesh_seconds = meshing.elapsed().as_secs_f64();
     let part = part.and_then(|mut part| {
-        let attributes = vertex_attributes(part.support.take(), carried.at(&part.mesh.verts)?);
+        let attributes = vertex_attributes(part.support.take(), cloud.carried.at(&part.mesh.verts)?);
         outputs.mesh.write_mesh(&part.mesh, &attributes).map(|()| part)
     });
     let part = match part {
@@ -238,47 +233,20 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     }
     trained.field.coverage().iter().flat_map(|c| coverage_text(c)).for_each(|line| common.note(&line));
     if args.json {
-        let json = Object::new()
-            .path("input", Some(&args.input))
-            .path("output", Some(outputs.mesh.path()))
-            .count("points", points.len())
-            .count("duplicates", clean.duplicates_merged)
-            .count("left_out", rows_left_out)
-            .raw("offset", list(offset.map(|x| number(Some(x)))))
-            .text("outliers", args.outliers.name())
-            .raw(
-                "strays",
-                list(stray.iter().map(|&i| list(clean.points[i as usize].map(|x| number(Some(x)))))),
-            )
-            .raw("warnings", list(warnings.iter().map(|w| quoted(w))))
-            .raw("notices", list(notices.iter().map(|n| quoted(n))))
-            .text("sides", sides.source)
-            .raw("anisotropy", args.anisotropy.map_or("null".into(), |a| list(a.map(|x| number(Some(x))))))
-            .flag("turned", trained.field.is_turned())
-            .text("preset", preset)
-            .raw("seed", config.seed)
-            .raw("resolution", fineness.json());
-        let seconds = Object::new()
-            .number("train", trained.seconds)
-            .number("mesh", mesh_seconds)
-            .number("total", began.elapsed().as_secs_f64())
-            .finish();
-        let json = describe(json, &trained, &topology)
-            .raw("trim", part.json())
-            .flag("support", args.trim.support)
-            .raw("carried", carried.json())
-            .raw("seconds", seconds)
-            .path("surface_points", args.surface_points.as_deref())
-            .raw(
-                "codes",
-                outputs.codes.as_ref().map_or("null".to_string(), |files| {
-                    list(files.paths.iter().map(|path| quoted(&path.to_string_lossy())))
-                }),
-            )
-            .path("field", args.save_field.as_deref())
-            .path("preview", args.view.preview.as_deref())
-            .path("checkpoint", args.checkpoint.as_deref());
-        print(format!("{}\n", json.finish()))?;
+        let run = Run {
+            args,
+            outputs: &outputs,
+            cloud: &cloud,
+            preset,
+            seed: config.seed,
+            trained: &trained,
+            fineness,
+            part: &part,
+            topology: &topology,
+            mesh_seconds,
+            total_seconds: began.elapsed().as_secs_f64(),
+        };
+        print(format!("{}\n", run.json()))?;
     }
     if !report.failures.is_empty() {
         return Err(report.end(None));
@@ -322,128 +290,6 @@ fn go_on(field: &Path, args: &ReconstructArgs) -> String {
         options += &format!(" --carry {}", args.input.display());
     }
     format!("`bijective-sdf mesh {} -o {}{options}`", field.display(), args.output.display())
-}
-
-/// What came of writing the results.
-#[derive(Default)]
-struct Written {
-    files: Vec<PathBuf>,
-    failures: Vec<Failure>,
-}
-
-impl Written {
-    /// Notes whether a file was written, and returns that.
-    fn wrote(&mut self, path: &Path, outcome: Result<(), Failure>) -> bool {
-        match outcome {
-            Ok(()) => self.files.push(path.to_path_buf()),
-            Err(failure) => self.failures.push(failure),
-        }
-        self.files.last().is_some_and(|file| file == path)
-    }
-
-    /// Prints all failures but the last, which it returns, and what was written nevertheless.
-    fn end(self, advice: Option<String>) -> Failure {
-        let last = say_all_but_last(self.failures).unwrap_or(Failure::Closed);
-        if !self.files.is_empty() {
-            let names: Vec<String> = self.files.iter().map(|file| file.display().to_string()).collect();
-            let advice = advice.map_or(String::new(), |command| format!("; go on with {command}"));
-            say(&format!("note: written: {}{advice}", names.join(", ")));
-        }
-        last
-    }
-}
-
-/// Adds what training and meshing came to.
-pub fn describe(json: Object, trained: &Trained, topology: &Topology) -> Object {
-    let losses = trained.last.as_ref().map_or("null".to_string(), |r| {
-        let loss = Object::new().number("loss", f64::from(r.loss));
-        let terms = r.terms.each().into_iter();
-        terms.fold(loss, |json, (name, value)| json.number(name, f64::from(value))).finish()
-    });
-    json.count("steps", trained.steps)
-        .count("total_steps", trained.total)
-        .raw("phase", trained.last.map_or("null".to_string(), |r| format!("\"{}\"", r.phase)))
-        .text("ended", if trained.timed_out { "time-limit" } else { "done" })
-        .number("noise_removed", trained.noise_removed)
-        .raw("losses", losses)
-        .raw("coverage", coverage_json(trained.field.coverage()))
-        .raw("mesh", topology_json(topology))
-        .flag("closed_and_oriented", passes_gate(topology))
-}
-
-/// Where results go, checked before the work starts.
-struct Outputs {
-    mesh: Output,
-    /// Where the field is kept until the mesh is there, or for good.
-    kept_field: Option<PathBuf>,
-    surface_points: Option<Output>,
-    codes: Option<CodesFiles>,
-}
-
-impl Outputs {
-    fn of(args: &ReconstructArgs) -> Result<Self, Failure> {
-        let codes = args.codes.as_ref().map(|stem| CodesFiles::new(stem, args.ascii));
-        if args.codes.as_deref().is_some_and(is_pipe) {
-            return Err(Failure::Usage("--codes needs the beginning of file names, not a pipe".into()));
-        }
-        let coded = codes.iter().flat_map(|files| &files.paths).map(|path| ("--codes", Some(path)));
-        let files: Vec<(&str, &Path)> = [
-            ("--output", Some(&args.output)),
-            ("--surface-points", args.surface_points.as_ref()),
-            ("--save-field", args.save_field.as_ref()),
-            ("--preview", args.view.preview.as_ref()),
-            ("--checkpoint", args.checkpoint.as_ref()),
-        ]
-        .into_iter()
-        .chain(coded)
-        .filter_map(|(option, path)| path.map(|p| (option, p.as_path())))
-        .collect();
-        for (i, (option, path)) in files.iter().enumerate() {
-            if let Some((other, _)) = files[..i].iter().find(|(_, p)| p == path || is_same_file(p, path)) {
-                return Err(Failure::Usage(format!("{other} and {option} are both {}", path.display())));
-            }
-            if is_pipe(path) && *option == "--checkpoint" {
-                return Err(Failure::Usage(format!("{option} needs a file, not a pipe")));
-            }
-            if *option == "--preview" {
-                check_picture(path)?;
-            }
-            if is_pipe(path) && args.json {
-                return Err(Failure::Usage(format!("{option} - and --json would mix on standard output")));
-            }
-            check_apart(option, path, &args.input)?;
-            // A run may go on in the checkpoint that it came from.
-            if let Some(resume) = args.resume.as_deref().filter(|_| *option != "--checkpoint") {
-                check_apart(option, path, resume)?;
-            }
-            check_writable(path)?;
-        }
-        let beside =
-            || Some(&args.output).filter(|path| is_ordinary(path)).map(|path| behind(path, ".field"));
-        let mesh = Output::new(&args.output, args.output_format, args.ascii, &MESH_FORMATS)?;
-        check_format(&mesh, args.carry, args.trim.support)?;
-        Ok(Outputs {
-            codes,
-            kept_field: args.save_field.clone().or_else(beside),
-            mesh,
-            surface_points: match &args.surface_points {
-                Some(path) => Some(Output::new(path, None, args.ascii, &CLOUD_FORMATS)?),
-                None => None,
-            },
-        })
-    }
-}
-
-/// A file name with something behind it.
-fn behind(path: &Path, more: &str) -> PathBuf {
-    let mut name = path.as_os_str().to_os_string();
-    name.push(more);
-    PathBuf::from(name)
-}
-
-/// Whether a path is that of a regular file, or of one that is yet to come; beside devices nothing is kept.
-fn is_ordinary(path: &Path) -> bool {
-    !is_pipe(path) && fs::metadata(path).map_or(true, |m| m.is_file())
 }
 
 fn plan(args: &ReconstructArgs, common: Common) -> TrainingPlan {
