@@ -25,8 +25,10 @@ const MIN_RADIUS: f64 = 1e-6;
 /// The area of a point at least, over that of a point with the mean neighbour spacing: points that coincide still have
 /// a dipole, without which the diagonal of the system could vanish.
 const MIN_AREA: f64 = 1e-6;
-/// The number of nearest points, itself among them, that the neighbour spacing of a point is averaged over for its
-/// area.
+/// The number of nearest points, itself among them, that the neighbour spacing of a point is averaged over for the area
+/// that says how strong a dipole is expected to be: that of a single point of an even cloud scatters. Given normals are
+/// weighted by the areas of single points, as one that lies alone does stand for more (`benches/accuracy.md`,
+/// constants).
 const AVERAGED: usize = 16;
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
@@ -76,11 +78,12 @@ impl GaussField {
             return Self::of_normals(&of(points), &of(normals), radius, seed);
         }
         let spacing = neighbour_spacing(points);
+        let Areas { relative, unit } = Areas::of(points, &spacing, 1);
         let column = |f: &dyn Fn(usize) -> f64| (0..points.len()).map(|j| f(j) as f32).collect::<Vec<f32>>();
         let sources = std::array::from_fn(|c| match c {
             0..=2 => column(&|j| f64::from(points[j][c])),
             3 => column(&|j| (f64::from(radius) * spacing[j]).max(MIN_RADIUS)),
-            _ => column(&|j| AREA * spacing[j] * spacing[j] * f64::from(normals[j][c - 4])),
+            _ => column(&|j| unit * relative[j] * f64::from(normals[j][c - 4])),
         });
         let field = GaussField { sources, level: 0.0 };
         GaussField { level: field.at_points().clamp(LEAST_LEVEL, 0.5), ..field }
@@ -112,7 +115,8 @@ impl GaussField {
         let n = points.len();
         let spacing = neighbour_spacing(points);
         let widths: Vec<f64> = spacing.iter().map(|s| (f64::from(radius) * s).max(MIN_RADIUS)).collect();
-        let areas = relative_areas(points, &spacing);
+        // Their unit cancels: it would multiply the system and divide its solution.
+        let areas = Areas::of(points, &spacing, AVERAGED).relative;
 
         // A is n x 3n; its columns hold the kernel of one source at all points. A W A^T is summed over slabs of
         // sources.
@@ -171,20 +175,30 @@ impl GaussField {
     }
 }
 
-/// The areas that `points` (n x 3) stand for, over that of a point with the mean neighbour spacing (n): squares of
-/// their neighbour `spacing` (n), which is averaged over the 16 nearest points first, as that of a single point of an
-/// even cloud scatters. 1 for all points if they all coincide.
-fn relative_areas(points: &[[f32; 3]], spacing: &[f64]) -> Vec<f64> {
-    let mean = spacing.iter().sum::<f64>() / spacing.len() as f64;
-    if mean <= 0.0 {
-        return vec![1.0; spacing.len()];
+/// The areas that points stand for.
+struct Areas {
+    /// Over that of a point with the mean neighbour spacing, n.
+    relative: Vec<f64>,
+    /// The area of such a point, in the squared unit of the points.
+    unit: f64,
+}
+
+impl Areas {
+    /// Of `points` (n x 3): squares of their neighbour `spacing` (n), which is first averaged over so many nearest
+    /// points, itself among them. All alike if the points all coincide.
+    fn of(points: &[[f32; 3]], spacing: &[f64], averaged: usize) -> Self {
+        let mean = spacing.iter().sum::<f64>() / spacing.len() as f64;
+        if mean <= 0.0 {
+            return Areas { relative: vec![1.0; spacing.len()], unit: 0.0 };
+        }
+        let k = averaged.min(points.len());
+        let area = |near: &[u32]| {
+            let local = near.iter().map(|&j| spacing[j as usize]).sum::<f64>() / k as f64;
+            (local / mean).powi(2).max(MIN_AREA)
+        };
+        let relative = KdTree::new(points).k_nearest(points, k).chunks_exact(k).map(area).collect();
+        Areas { relative, unit: AREA * mean * mean }
     }
-    let k = AVERAGED.min(points.len());
-    let area = |near: &[u32]| {
-        let local = near.iter().map(|&j| spacing[j as usize]).sum::<f64>() / k as f64;
-        (local / mean).powi(2).max(MIN_AREA)
-    };
-    KdTree::new(points).k_nearest(points, k).chunks_exact(k).map(area).collect()
 }
 
 kernel! {
@@ -336,6 +350,29 @@ mod tests {
             for (got, want) in field.value(&probes).iter().zip(naive(&points, 0.5, 0.05, &probes)) {
                 let chi = f64::from(field.level - got);
                 assert!((chi - want).abs() < 1e-3 * want.abs().max(0.1), "{n} points: {chi} is not {want}");
+            }
+        }
+    }
+
+    /// Of points at random, also where one half is four times as dense as the other. Averages are of dense parts rather
+    /// than of sparse ones, and so a little low.
+    #[test]
+    fn areas_of_points_add_up_to_about_that_of_the_surface() {
+        for (shape, area) in [
+            (Shape::Sphere { radius: 0.5 }, std::f64::consts::PI),
+            (Shape::Torus { major: 0.34, minor: 0.14 }, 4.0 * std::f64::consts::PI.powi(2) * 0.34 * 0.14),
+        ] {
+            let all = shape.sample(1400, 2).0;
+            let uneven = (0..all.len()).filter(|&i| all[i][0] > 0.0 || i % 4 == 0).map(|i| all[i]).collect();
+            for points in [all, uneven] {
+                for (averaged, range) in [(1, 0.93..1.07), (AVERAGED, 0.85..1.05)] {
+                    let Areas { relative, unit } = Areas::of(&points, &neighbour_spacing(&points), averaged);
+                    let share = unit * relative.iter().sum::<f64>() / area;
+                    assert!(
+                        range.contains(&share),
+                        "{shape:?}, averaged over {averaged}: {share} of the area"
+                    );
+                }
             }
         }
     }
