@@ -331,7 +331,7 @@ fn read_mesh_path(path: &Path, format: Option<Format>) -> Result<TriangleMesh<[f
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
-    fs::read(path).map_err(|e| Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
+    fs::read(path).map_err(|e| Error::cannot_read(path, e))
 }
 
 fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Result<Loaded, Error> {

@@ -38,7 +38,9 @@ pub fn write_mesh_as<P: Position>(
 ) -> Result<(), Error> {
     let (path, mesh) = (path.as_ref(), mesh.wide());
     check_mesh(&mesh, format).map_err(|e| e.in_file(path))?;
-    write_atomic(path, |out| emit_mesh(out, &mesh, &[], format, encoding).map_err(failed))
+    write_atomic(path, |out| {
+        emit_mesh(out, &mesh, &[], format, encoding).map_err(|e| Error::cannot_write(path, e))
+    })
 }
 
 /// Writes a mesh to any writer; nothing is written unless the mesh passes the checks. Give a buffered writer.
@@ -127,7 +129,9 @@ pub fn write_cloud_as<P: Position>(
 ) -> Result<(), Error> {
     let (path, points) = (path.as_ref(), widened(points));
     check_cloud(&points, format).map_err(|e| e.in_file(path))?;
-    write_atomic(path, |out| emit_cloud(out, &points, format, encoding).map_err(failed))
+    write_atomic(path, |out| {
+        emit_cloud(out, &points, format, encoding).map_err(|e| Error::cannot_write(path, e))
+    })
 }
 
 /// Writes points, n x 3, to any writer; nothing is written unless they pass the checks. Give a buffered writer.
@@ -282,7 +286,8 @@ fn check_cloud(points: &[[f64; 3]], format: Format) -> Result<(), Error> {
     points.iter().enumerate().try_for_each(|(i, &p)| check_point(p, Want::Mesh, "point", i))
 }
 
-fn failed(e: io::Error) -> Error {
+/// The error of a writer that may write to anything.
+pub(super) fn failed(e: io::Error) -> Error {
     Error::new(ErrorKind::Io, "writing failed").caused_by(e)
 }
 
