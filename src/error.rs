@@ -58,6 +58,16 @@ impl Error {
         }))
     }
 
+    /// The error for a file that the operating system refuses to read.
+    pub fn cannot_read(file: impl AsRef<Path>, cause: std::io::Error) -> Self {
+        Error::new(ErrorKind::Io, "cannot read the file").in_file(file).caused_by(cause)
+    }
+
+    /// The error for a file that the operating system refuses to write.
+    pub fn cannot_write(file: impl AsRef<Path>, cause: std::io::Error) -> Self {
+        Error::new(ErrorKind::Io, "cannot write the file").in_file(file).caused_by(cause)
+    }
+
     /// Adds the file it happened in.
     #[must_use]
     pub fn in_file(mut self, file: impl AsRef<Path>) -> Self {
@@ -170,9 +180,14 @@ mod tests {
             e.to_string(),
             "cloud.xyz:12: point 11: 3 numbers expected, 2 found; delete the line or complete it"
         );
-        let io = Error::new(ErrorKind::Io, "cannot open").caused_by(std::io::Error::other("denied"));
-        assert_eq!(io.to_string(), "cannot open");
-        assert_eq!(std::error::Error::source(&io).unwrap().to_string(), "denied");
+        let denied = || std::io::Error::other("denied");
+        for (e, text) in [
+            (Error::cannot_read("a/b", denied()), "a/b: cannot read the file"),
+            (Error::cannot_write("a/b", denied()), "a/b: cannot write the file"),
+        ] {
+            assert_eq!((e.kind(), e.to_string().as_str()), (ErrorKind::Io, text));
+            assert_eq!(std::error::Error::source(&e).unwrap().to_string(), "denied");
+        }
     }
 
     #[test]

@@ -1,6 +1,5 @@
 //! `demo`: a shape with a known surface, sampled, reconstructed and compared.
 
-use std::fs;
 use std::path::PathBuf;
 
 use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
@@ -9,7 +8,6 @@ use bijective_sdf::geometry::{
 };
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::Hints;
-use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 
@@ -19,7 +17,7 @@ use super::coverage::{TruthCoverage, coverage_text};
 use super::failure::Failure;
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::json::Object;
-use super::output::write_bytes;
+use super::output::{make_directory, write_bytes};
 use super::preview::{Axis, View, render};
 use super::reconstruct::describe;
 use super::report::{gate, report_json, report_text};
@@ -76,11 +74,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("--noise {}: a number of at least 0 expected", args.noise)));
     }
     let (config, preset) = args.settings.build()?;
-    fs::create_dir_all(&args.out).map_err(|e| {
-        Failure::Output(
-            Error::new(ErrorKind::Io, "cannot make the directory").in_file(&args.out).caused_by(e),
-        )
-    })?;
+    make_directory(&args.out)?;
     let Named { name, shape } = args.shape;
     let (mut points, _) = shape.sample(args.points as usize, config.seed);
     add_noise(&mut points, args.noise, config.seed);

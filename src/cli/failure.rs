@@ -1,6 +1,7 @@
 //! Why a command ended without success, and the exit code that says so.
 
 use std::io;
+use std::path::Path;
 
 use bijective_sdf::{Error, ErrorKind};
 
@@ -60,6 +61,16 @@ impl Failure {
         line.split_once(": ").map_or(line.clone(), |(_, text)| text.to_string())
     }
 
+    /// A file that the operating system refuses to read.
+    pub fn cannot_read(path: &Path, e: io::Error) -> Failure {
+        Failure::Input(Error::cannot_read(path, e))
+    }
+
+    /// A file that the operating system refuses to write.
+    pub fn cannot_write(path: &Path, e: io::Error) -> Failure {
+        Failure::Output(Error::cannot_write(path, e))
+    }
+
     /// What a failed write to standard output means.
     pub fn of_stdout(e: io::Error) -> Failure {
         if e.kind() == io::ErrorKind::BrokenPipe {
@@ -112,6 +123,8 @@ mod tests {
             (Failure::Output(Error::new(ErrorKind::Data, "x")), 1),
             (Failure::Gate("x".into()), 4),
             (Failure::Interrupted("x".into()), 130),
+            (Failure::cannot_read(Path::new("x"), io::Error::other("gone")), 3),
+            (Failure::cannot_write(Path::new("x"), io::Error::other("full")), 1),
             (Failure::of_stdout(io::ErrorKind::BrokenPipe.into()), 0),
             (Failure::of_stdout(io::Error::other("full")), 1),
         ];

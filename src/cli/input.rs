@@ -30,8 +30,6 @@ impl<'a> Input<'a> {
 
     /// Reads everything, to be understood as the user says.
     pub fn read_with(path: &'a Path, mut options: ReadOptions) -> Result<Self, Failure> {
-        let failed =
-            |e| Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e));
         if is_pipe(path) {
             let mut bytes = Vec::new();
             io::stdin().lock().read_to_end(&mut bytes).map_err(|e| {
@@ -39,7 +37,7 @@ impl<'a> Input<'a> {
             })?;
             return Ok(Input { path: Path::new("standard input"), options, bytes });
         }
-        let bytes = fs::read(path).map_err(failed)?;
+        let bytes = fs::read(path).map_err(|e| Failure::cannot_read(path, e))?;
         options.hint = Format::from_path(path);
         Ok(Input { path, options, bytes })
     }

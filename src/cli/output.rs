@@ -1,5 +1,6 @@
 //! Where results go: files that appear whole or not at all, or the pipe `-`.
 
+use std::fs;
 use std::path::{Path, PathBuf};
 
 use bijective_sdf::geometry::{Attribute, Bounds, TriangleMesh, about, widened};
@@ -102,8 +103,13 @@ pub fn write_bytes(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
     if is_pipe(path) {
         return print(bytes);
     }
-    write_atomic(path, |out| {
-        out.write_all(bytes).map_err(|e| Error::new(ErrorKind::Io, "writing failed").caused_by(e))
+    write_atomic(path, |out| out.write_all(bytes).map_err(|e| Error::cannot_write(path, e)))
+        .map_err(Failure::Output)
+}
+
+/// Makes a directory and those above it, unless they are there.
+pub fn make_directory(path: &Path) -> Result<(), Failure> {
+    fs::create_dir_all(path).map_err(|e| {
+        Failure::Output(Error::new(ErrorKind::Io, "cannot make the directory").in_file(path).caused_by(e))
     })
-    .map_err(Failure::Output)
 }

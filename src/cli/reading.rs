@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use bijective_sdf::io::{Columns, Format, Raw, ReadOptions};
+use bijective_sdf::io::{Columns, Format, RawLayout, ReadOptions};
 use clap::Args;
 
 use super::Common;
@@ -28,7 +28,7 @@ pub struct ReadArgs {
     skip: usize,
     /// Rows of a raw file: type and count of its numbers, such as f32x4 (KITTI), f32x5 (nuScenes) or f64x3
     #[arg(long, value_name = "TYPExN")]
-    raw: Option<Raw>,
+    raw: Option<RawLayout>,
     /// Read on where it is not certain which columns are coordinates, and keep points that look like fillers
     #[arg(long)]
     assume: bool,
@@ -66,7 +66,7 @@ impl ReadArgs {
 
     fn read<'a>(&self, path: &'a Path, every_row: bool, attributes: bool) -> Result<Input<'a>, Failure> {
         let mut options = ReadOptions::default();
-        options.format = self.format.or(self.raw.map(|_| Format::Kitti));
+        options.format = self.format.or(self.raw.map(|_| Format::Raw));
         options.columns = self.columns.clone();
         options.delimiter = self.delimiter;
         options.skip = self.skip;

@@ -47,9 +47,7 @@ impl Settings {
         let mut entries = Vec::new();
         let mut preset = self.preset;
         if let Some(path) = &self.config {
-            let text = fs::read_to_string(path).map_err(|e| {
-                Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
-            })?;
+            let text = fs::read_to_string(path).map_err(|e| Failure::cannot_read(path, e))?;
             let mut table = parse(&text).map_err(|e| e.in_file(path))?;
             if let Some(name) = table.remove("preset") {
                 // The command line wins over the file.

@@ -45,11 +45,6 @@ impl Options {
         }
     }
 
-    /// As [`shape`](Self::shape) with 1,000,000 samples.
-    pub fn scene() -> Self {
-        Options { samples: 1_000_000, ..Self::shape() }
-    }
-
     pub(super) fn check(&self) -> Result<(), Error> {
         for (name, count) in [
             ("samples", Some(self.samples)),

@@ -37,7 +37,7 @@ impl Bounds {
     }
 
     /// The middle of the box.
-    pub fn center(&self) -> [f64; 3] {
+    fn center(&self) -> [f64; 3] {
         std::array::from_fn(|a| 0.5 * (self.min[a] + self.max[a]))
     }
 
@@ -63,11 +63,6 @@ impl Bounds {
         let step = 10f64.powi(longest.log10().floor() as i32);
         // Adding 0 turns -0 into 0.
         self.center().map(|c| (c / step).round() * step + 0.0)
-    }
-
-    /// The length of the diagonal.
-    pub fn diagonal(&self) -> f64 {
-        self.size().iter().map(|s| s * s).sum::<f64>().sqrt()
     }
 }
 
@@ -110,7 +105,7 @@ impl Normalizer {
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if the box has no extent on any axis or is not finite.
-    pub fn of_bounds(bounds: &Bounds) -> Result<Self, Error> {
+    fn of_bounds(bounds: &Bounds) -> Result<Self, Error> {
         let [x, y, z] = bounds.center();
         Self::from_array([x, y, z, bounds.longest()]).map_err(|e| {
             Error::new(ErrorKind::Data, "the points have no extent")

@@ -21,7 +21,7 @@ pub fn write_atomic(
     content: impl FnOnce(&mut dyn Write) -> Result<(), Error>,
 ) -> Result<(), Error> {
     let path = path.as_ref();
-    let failed = |e: io::Error| Error::new(ErrorKind::Io, "cannot write the file").in_file(path).caused_by(e);
+    let failed = |e: io::Error| Error::cannot_write(path, e);
     // A symbolic link keeps pointing to the file it names, and renaming over a device would replace it.
     let target = match fs::metadata(path) {
         Ok(meta) if meta.is_dir() => {

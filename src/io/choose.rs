@@ -35,7 +35,7 @@ pub(super) fn choose(bytes: &[u8], options: &ReadOptions) -> Result<Format, Erro
     if foreign::is_colmap(bytes) {
         return Err(foreign::colmap());
     }
-    if options.hint != Some(Format::Kitti)
+    if options.hint != Some(Format::Raw)
         && let Some(e) = foreign::by_content(bytes)
     {
         return Err(e);
@@ -62,14 +62,14 @@ fn of_content_and_name(bytes: &[u8], hint: Option<Format>) -> Option<Format> {
         // Columns of numbers are read alike under both names.
         (Some(Format::Xyz | Format::Csv), Some(hint @ (Format::Xyz | Format::Csv))) => Some(hint),
         // Rows of floats may happen to be text, or to have the size that a binary STL names.
-        (Some(Format::Stl), Some(Format::Kitti)) if !bytes.starts_with(b"solid") => Some(Format::Kitti),
+        (Some(Format::Stl), Some(Format::Raw)) if !bytes.starts_with(b"solid") => Some(Format::Raw),
         (found, hint) => found.or(hint),
     }
 }
 
 /// The format that the first bytes of a file point to.
 ///
-/// KITTI rows carry no signature, so [`Format::Kitti`] is never guessed.
+/// Raw rows of floats have no signature, so [`Format::Raw`] is never guessed.
 fn of_content(bytes: &[u8]) -> Option<Format> {
     type Mark = (fn(&[u8]) -> bool, Format);
     let marks: [Mark; 10] = [

@@ -206,7 +206,7 @@ mod tests {
             );
         }
         assert!(is_colmap(&bytes) && !is_colmap(&bytes[..bytes.len() - 1]) && !is_colmap(&[0; 64]));
-        let options = crate::io::ReadOptions { hint: Some(crate::io::Format::Kitti), ..Default::default() };
+        let options = crate::io::ReadOptions { hint: Some(crate::io::Format::Raw), ..Default::default() };
         let e = crate::io::read_cloud_with(&bytes, &options).unwrap_err().to_string();
         assert!(e.contains("points3D.bin of COLMAP") && e.contains("model_converter"), "{e}");
     }

@@ -39,9 +39,9 @@ pub enum Format {
     Las,
     /// Terrestrial laser scans, with the feature `formats`; clouds only.
     E57,
-    /// Rows of little-endian floats without a header: x, y, z, intensity as `f32`, as in the KITTI laser scans, unless
-    /// told otherwise; clouds only.
-    Kitti,
+    /// Rows of little-endian floats without a header, by the name `kitti`: x, y, z, intensity as `f32`, as in the KITTI
+    /// laser scans, unless [`ReadOptions::raw`](super::ReadOptions::raw) says otherwise; clouds only.
+    Raw,
 }
 
 impl Format {
@@ -61,7 +61,7 @@ impl Format {
         Format::Npz,
         Format::Las,
         Format::E57,
-        Format::Kitti,
+        Format::Raw,
     ];
 
     /// The name by which a user chooses it, in lower case.
@@ -81,7 +81,8 @@ impl Format {
             Format::Npz => "npz",
             Format::Las => "las",
             Format::E57 => "e57",
-            Format::Kitti => "kitti",
+            // The name of the data set whose files are the best known of this kind.
+            Format::Raw => "kitti",
         }
     }
 
@@ -102,7 +103,7 @@ impl Format {
             Format::Npz => &["npz"],
             Format::Las => &["las", "laz"],
             Format::E57 => &["e57"],
-            Format::Kitti => &["bin"],
+            Format::Raw => &["bin"],
         }
     }
 

@@ -4,7 +4,8 @@ use std::fmt;
 use std::io::{self, Write};
 use std::path::Path;
 
-use crate::{Error, ErrorKind};
+use super::write::failed;
+use crate::Error;
 
 /// Values at the vertices of a grid of cubes.
 #[derive(Clone, Debug, PartialEq)]
@@ -61,7 +62,7 @@ impl fmt::Display for GridFormat {
 ///
 /// # Errors
 ///
-/// [`ErrorKind::Io`] if writing fails.
+/// [`Io`](crate::ErrorKind::Io) if writing fails.
 ///
 /// # Panics
 ///
@@ -70,9 +71,7 @@ impl fmt::Display for GridFormat {
 pub fn write_grid_to(mut out: impl Write, grid: &GridValues, format: GridFormat) -> Result<(), Error> {
     let count = grid.size.iter().product::<usize>();
     assert!(grid.values.len() == count, "write_grid_to: {} values at {count} vertices", grid.values.len());
-    emit(&mut out, grid, format)
-        .and_then(|()| out.flush())
-        .map_err(|e| Error::new(ErrorKind::Io, "writing failed").caused_by(e))
+    emit(&mut out, grid, format).and_then(|()| out.flush()).map_err(failed)
 }
 
 fn emit(out: &mut dyn Write, grid: &GridValues, format: GridFormat) -> io::Result<()> {

@@ -69,10 +69,10 @@ pub use encoding::Encoding;
 pub use foreign::name_file;
 pub use format::Format;
 pub use grid::{GridFormat, GridValues, write_grid_to};
-pub use options::{Columns, Raw, ReadOptions};
+pub use options::{Columns, RawLayout, ReadOptions};
 pub use write::{
-    offset_left_out, write_cloud, write_cloud_as, write_cloud_to, write_coloured_cloud_to, write_mesh,
-    write_mesh_as, write_mesh_to, write_mesh_with_to,
+    offset_left_out, write_cloud, write_cloud_to, write_coloured_cloud_to, write_mesh, write_mesh_to,
+    write_mesh_with_to,
 };
 
 use choose::{choose, unpacked};
@@ -110,21 +110,15 @@ pub struct PointCloud {
 
 /// Reads the points of a file, n x 3; of a mesh file, its vertices.
 ///
+/// If name and content do not tell the format or the columns, [`read_cloud_with`] can be told them.
+///
 /// # Errors
 ///
 /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Format`] if the format is unknown or the bytes do not
 /// follow it, [`ErrorKind::Data`] for a file without points or with a coordinate that is not finite.
 pub fn read_cloud(path: impl AsRef<Path>) -> Result<PointCloud, Error> {
-    read_cloud_path(path.as_ref(), None)
-}
-
-/// Reads the points of a file whose name does not tell its format.
-///
-/// # Errors
-///
-/// As [`read_cloud`].
-pub fn read_cloud_as(path: impl AsRef<Path>, format: Format) -> Result<PointCloud, Error> {
-    read_cloud_path(path.as_ref(), Some(format))
+    let path = path.as_ref();
+    read_cloud_with(&read_file(path)?, &by_name(path)).map_err(|e| name_file(e, path))
 }
 
 /// Reads points, n x 3, from the bytes of a file, for example from a pipe; without a format the content decides.
@@ -219,16 +213,8 @@ fn seen_from(viewpoints: &[[f64; 3]]) -> Option<String> {
 /// the bytes do not follow it, [`ErrorKind::Data`] for a file without vertices or faces or with a coordinate that is
 /// not finite.
 pub fn read_mesh(path: impl AsRef<Path>) -> Result<TriangleMesh<[f64; 3]>, Error> {
-    read_mesh_path(path.as_ref(), None)
-}
-
-/// Reads a triangle mesh from a file whose name does not tell its format.
-///
-/// # Errors
-///
-/// As [`read_mesh`].
-pub fn read_mesh_as(path: impl AsRef<Path>, format: Format) -> Result<TriangleMesh<[f64; 3]>, Error> {
-    read_mesh_path(path.as_ref(), Some(format))
+    let path = path.as_ref();
+    read_mesh_with(&read_file(path)?, &by_name(path)).map_err(|e| name_file(e, path))
 }
 
 /// Reads a triangle mesh from the bytes of a file; without a format the content decides.
@@ -320,18 +306,13 @@ impl Loaded {
     }
 }
 
-fn read_cloud_path(path: &Path, format: Option<Format>) -> Result<PointCloud, Error> {
-    let options = ReadOptions { format, hint: Format::from_path(path), ..ReadOptions::default() };
-    read_cloud_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
-}
-
-fn read_mesh_path(path: &Path, format: Option<Format>) -> Result<TriangleMesh<[f64; 3]>, Error> {
-    let options = ReadOptions { format, hint: Format::from_path(path), ..ReadOptions::default() };
-    read_mesh_with(&read_file(path)?, &options).map_err(|e| name_file(e, path))
+/// How to read a file of which nothing is known but its name.
+fn by_name(path: &Path) -> ReadOptions {
+    ReadOptions { hint: Format::from_path(path), ..ReadOptions::default() }
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {
-    fs::read(path).map_err(|e| Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
+    fs::read(path).map_err(|e| Error::cannot_read(path, e))
 }
 
 fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
@@ -343,12 +324,12 @@ fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Resu
         return Err(Error::new(ErrorKind::Format, "the file is empty").advise("check how it was written"));
     }
     let text = matches!(format, Format::Xyz | Format::Csv);
-    let columns = text || matches!(format, Format::Npy | Format::Npz | Format::Kitti);
+    let columns = text || matches!(format, Format::Npy | Format::Npz | Format::Raw);
     let unused = [
         (options.columns.is_some() && !columns, "columns"),
         (options.delimiter.is_some() && !text, "a delimiter"),
         (options.skip > 0 && !text, "lines to skip"),
-        (options.raw.is_some() && format != Format::Kitti, "rows of a raw file"),
+        (options.raw.is_some() && format != Format::Raw, "rows of a raw file"),
     ];
     if let Some((_, what)) = unused.iter().find(|(given, _)| *given) {
         return Err(Error::new(
@@ -372,7 +353,7 @@ fn load(bytes: &[u8], format: Format, options: &ReadOptions, want: Want) -> Resu
         Format::Vtk => vtk::read(bytes, want),
         Format::Las => las::read(bytes, want),
         Format::E57 => e57::read(bytes, want),
-        Format::Kitti => raw::read(bytes, options, want),
+        Format::Raw => raw::read(bytes, options, want),
     }
 }
 

@@ -35,7 +35,7 @@ pub struct ReadOptions {
     /// Lines at the beginning of a text that are not read.
     pub skip: usize,
     /// How the rows of a raw file are built.
-    pub raw: Option<Raw>,
+    pub raw: Option<RawLayout>,
     /// Reads on where the reader would stop because it doubts which numbers are coordinates, and keeps points that
     /// look like fillers.
     pub assume: bool,
@@ -86,14 +86,14 @@ impl FromStr for Columns {
 
 /// How the rows of a raw file are built: little-endian numbers without any header.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Raw {
+pub struct RawLayout {
     /// Bytes of a number: 4 or 8.
     pub bytes: usize,
     /// Numbers in a row.
     pub columns: usize,
 }
 
-impl FromStr for Raw {
+impl FromStr for RawLayout {
     type Err = Error;
 
     /// Such as `f32x4` (KITTI), `f32x5` (nuScenes) or `f64x3`.
@@ -101,13 +101,13 @@ impl FromStr for Raw {
     /// # Errors
     ///
     /// [`ErrorKind::Config`] for anything else.
-    fn from_str(text: &str) -> Result<Raw, Error> {
+    fn from_str(text: &str) -> Result<RawLayout, Error> {
         let bytes = [("f32x", 4), ("f64x", 8)];
         bytes
             .iter()
             .find_map(|(prefix, bytes)| {
                 let columns = text.strip_prefix(prefix)?.parse().ok()?;
-                (3..=64).contains(&columns).then_some(Raw { bytes: *bytes, columns })
+                (3..=64).contains(&columns).then_some(RawLayout { bytes: *bytes, columns })
             })
             .ok_or_else(|| {
                 Error::new(ErrorKind::Config, format!("{text:?} does not describe the rows of a raw file"))
@@ -127,10 +127,10 @@ mod tests {
         for bad in ["", "1,2", "1,2,2", "0,1,2", "1,2,3,4", "x,,z", "2,02,3"] {
             assert_eq!(bad.parse::<Columns>().unwrap_err().kind(), ErrorKind::Config, "{bad}");
         }
-        assert_eq!("f32x5".parse::<Raw>().unwrap(), Raw { bytes: 4, columns: 5 });
-        assert_eq!("f64x3".parse::<Raw>().unwrap(), Raw { bytes: 8, columns: 3 });
+        assert_eq!("f32x5".parse::<RawLayout>().unwrap(), RawLayout { bytes: 4, columns: 5 });
+        assert_eq!("f64x3".parse::<RawLayout>().unwrap(), RawLayout { bytes: 8, columns: 3 });
         for bad in ["", "f32", "f32x2", "f16x3", "f32x65", "f32x-3"] {
-            assert_eq!(bad.parse::<Raw>().unwrap_err().kind(), ErrorKind::Config, "{bad}");
+            assert_eq!(bad.parse::<RawLayout>().unwrap_err().kind(), ErrorKind::Config, "{bad}");
         }
     }
 }

@@ -5,22 +5,22 @@
 
 use super::doubt::Evidence;
 use super::number::{ByteOrder, NumberType};
-use super::options::{Columns, Raw, ReadOptions};
+use super::options::{Columns, RawLayout, ReadOptions};
 use super::precision::check_point;
 use super::{Loaded, Want};
 use crate::{Error, ErrorKind};
 
 /// What rows are taken for unless something speaks against it: x, y, z, intensity.
-const KITTI: Raw = Raw { bytes: 4, columns: 4 };
+const KITTI: RawLayout = RawLayout { bytes: 4, columns: 4 };
 /// The rows that files are found to have.
-const KNOWN: [Raw; 7] = [
-    Raw { bytes: 4, columns: 3 },
+const KNOWN: [RawLayout; 7] = [
+    RawLayout { bytes: 4, columns: 3 },
     KITTI,
-    Raw { bytes: 4, columns: 5 },
-    Raw { bytes: 4, columns: 6 },
-    Raw { bytes: 4, columns: 7 },
-    Raw { bytes: 8, columns: 3 },
-    Raw { bytes: 8, columns: 4 },
+    RawLayout { bytes: 4, columns: 5 },
+    RawLayout { bytes: 4, columns: 6 },
+    RawLayout { bytes: 4, columns: 7 },
+    RawLayout { bytes: 8, columns: 3 },
+    RawLayout { bytes: 8, columns: 4 },
 ];
 /// Rows that are looked at.
 const SAMPLE: usize = 4096;
@@ -90,24 +90,24 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
     Ok(loaded)
 }
 
-fn number(row: &[u8], raw: Raw, column: usize) -> f64 {
+fn number(row: &[u8], raw: RawLayout, column: usize) -> f64 {
     let number = if raw.bytes == 4 { NumberType::F32 } else { NumberType::F64 };
     number.read(&row[column * raw.bytes..], ByteOrder::Little)
 }
 
 /// The rows of KITTI, unless the bytes do not fit them or fit others better.
-fn choose(bytes: &[u8]) -> Result<Raw, Error> {
-    let mut fitting: Vec<(Raw, f64)> =
+fn choose(bytes: &[u8]) -> Result<RawLayout, Error> {
+    let mut fitting: Vec<(RawLayout, f64)> =
         KNOWN.into_iter().filter_map(|raw| Some((raw, spread(bytes, raw)?))).collect();
     // How much the spread of `rows` rows varies by chance, in logarithms: smaller differences decide nothing.
     let chance = |rows: usize| 0.02 + 1.0 / (rows.max(1) as f64).sqrt();
     // Two true rows read as one have the same spread: of a length and its double the shorter one is meant.
-    let halves = |(raw, own): &(Raw, f64)| {
-        let half = Raw { columns: raw.columns / 2, ..*raw };
+    let halves = |(raw, own): &(RawLayout, f64)| {
+        let half = RawLayout { columns: raw.columns / 2, ..*raw };
         let least = own + chance(bytes.len() / (raw.bytes * raw.columns));
         raw.columns.is_multiple_of(2) && fitting.iter().any(|(r, s)| *r == half && *s <= least)
     };
-    let doubled: Vec<Raw> = fitting.iter().filter(|f| halves(f)).map(|(r, _)| *r).collect();
+    let doubled: Vec<RawLayout> = fitting.iter().filter(|f| halves(f)).map(|(r, _)| *r).collect();
     fitting.retain(|(r, _)| !doubled.contains(r));
     let kitti = fitting.iter().find(|(raw, _)| *raw == KITTI);
     let best = fitting.iter().min_by(|a, b| a.1.total_cmp(&b.1));
@@ -126,7 +126,7 @@ fn choose(bytes: &[u8]) -> Result<Raw, Error> {
         .advise("a raw file holds little-endian floats only; name its rows as in --raw f32x4, or its --format")),
         _ => {
             fitting.sort_by(|a, b| a.1.total_cmp(&b.1));
-            let name = |(r, _): &(Raw, f64)| {
+            let name = |(r, _): &(RawLayout, f64)| {
                 let n = bytes.len() / (r.bytes * r.columns);
                 format!("f32x{} ({n} points)", r.columns).replace("f32", if r.bytes == 8 { "f64" } else { "f32" })
             };
@@ -148,7 +148,7 @@ fn choose(bytes: &[u8]) -> Result<Raw, Error> {
 
 /// How much the numbers spread within the columns, as the mean logarithm: least for the true length of rows, as other
 /// lengths mix the columns. None if the bytes cannot be such rows.
-fn spread(bytes: &[u8], raw: Raw) -> Option<f64> {
+fn spread(bytes: &[u8], raw: RawLayout) -> Option<f64> {
     let row = raw.bytes * raw.columns;
     if bytes.is_empty() || !bytes.len().is_multiple_of(row) {
         return None;

@@ -18,34 +18,23 @@ use crate::{Error, ErrorKind};
 ///
 /// # Errors
 ///
-/// As [`write_mesh_as`]; [`ErrorKind::Format`] also if the extension means no format.
+/// As [`write_mesh_to`]; [`ErrorKind::Format`] also if the extension means no format.
 pub fn write_mesh<P: Position>(path: impl AsRef<Path>, mesh: &TriangleMesh<P>) -> Result<(), Error> {
-    let path = path.as_ref();
-    write_mesh_as(path, mesh, by_extension(path, "ply, obj, stl, off, glb")?, Encoding::Binary)
+    let (path, mesh) = (path.as_ref(), mesh.wide());
+    let format = by_extension(path, "ply, obj, stl, off, glb")?;
+    check_mesh(&mesh, format).map_err(|e| e.in_file(path))?;
+    write_atomic(path, |out| {
+        emit_mesh(out, &mesh, &[], format, Encoding::Binary).map_err(|e| Error::cannot_write(path, e))
+    })
 }
 
-/// Writes a mesh in a named format and encoding; the file appears whole or not at all.
+/// Writes a mesh to any writer; nothing is written unless the mesh passes the checks. Give a buffered writer, such as
+/// that of [`write_atomic`] for a file in a format that its name does not mean.
 ///
 /// # Errors
 ///
 /// [`ErrorKind::Format`] for a format that holds no meshes, [`ErrorKind::Data`] for a mesh without faces, with an index
 /// out of range or a coordinate that is not finite, [`ErrorKind::Io`] if writing fails.
-pub fn write_mesh_as<P: Position>(
-    path: impl AsRef<Path>,
-    mesh: &TriangleMesh<P>,
-    format: Format,
-    encoding: Encoding,
-) -> Result<(), Error> {
-    let (path, mesh) = (path.as_ref(), mesh.wide());
-    check_mesh(&mesh, format).map_err(|e| e.in_file(path))?;
-    write_atomic(path, |out| emit_mesh(out, &mesh, &[], format, encoding).map_err(failed))
-}
-
-/// Writes a mesh to any writer; nothing is written unless the mesh passes the checks. Give a buffered writer.
-///
-/// # Errors
-///
-/// As [`write_mesh_as`].
 pub fn write_mesh_to<P: Position>(
     mut out: impl Write,
     mesh: &TriangleMesh<P>,
@@ -77,7 +66,7 @@ pub fn write_mesh_to<P: Position>(
 ///
 /// # Errors
 ///
-/// As [`write_mesh_as`]; [`ErrorKind::Format`] also for an attribute that the format does not hold
+/// As [`write_mesh_to`]; [`ErrorKind::Format`] also for an attribute that the format does not hold
 /// ([`Format::holds_attribute`]), [`ErrorKind::Config`] for one whose name is that of a coordinate or of another, or
 /// has other characters than letters, digits and marks of ASCII.
 ///
@@ -107,34 +96,23 @@ pub fn write_mesh_with_to<P: Position>(
 ///
 /// # Errors
 ///
-/// As [`write_cloud_as`]; [`ErrorKind::Format`] also if the extension means no format.
+/// As [`write_cloud_to`]; [`ErrorKind::Format`] also if the extension means no format.
 pub fn write_cloud<P: Position>(path: impl AsRef<Path>, points: &[P]) -> Result<(), Error> {
-    let path = path.as_ref();
-    write_cloud_as(path, points, by_extension(path, "ply, xyz, csv")?, Encoding::Binary)
+    let (path, points) = (path.as_ref(), widened(points));
+    let format = by_extension(path, "ply, xyz, csv")?;
+    check_cloud(&points, format).map_err(|e| e.in_file(path))?;
+    write_atomic(path, |out| {
+        emit_cloud(out, &points, format, Encoding::Binary).map_err(|e| Error::cannot_write(path, e))
+    })
 }
 
-/// Writes points, n x 3, in a named format and encoding; the file appears whole or not at all.
+/// Writes points, n x 3, to any writer; nothing is written unless they pass the checks. Give a buffered writer, such as
+/// that of [`write_atomic`] for a file in a format that its name does not mean.
 ///
 /// # Errors
 ///
 /// [`ErrorKind::Format`] for a format this crate does not write clouds in, [`ErrorKind::Data`] for no points or a
 /// coordinate that is not finite, [`ErrorKind::Io`] if writing fails.
-pub fn write_cloud_as<P: Position>(
-    path: impl AsRef<Path>,
-    points: &[P],
-    format: Format,
-    encoding: Encoding,
-) -> Result<(), Error> {
-    let (path, points) = (path.as_ref(), widened(points));
-    check_cloud(&points, format).map_err(|e| e.in_file(path))?;
-    write_atomic(path, |out| emit_cloud(out, &points, format, encoding).map_err(failed))
-}
-
-/// Writes points, n x 3, to any writer; nothing is written unless they pass the checks. Give a buffered writer.
-///
-/// # Errors
-///
-/// As [`write_cloud_as`].
 pub fn write_cloud_to<P: Position>(
     mut out: impl Write,
     points: &[P],
@@ -282,7 +260,8 @@ fn check_cloud(points: &[[f64; 3]], format: Format) -> Result<(), Error> {
     points.iter().enumerate().try_for_each(|(i, &p)| check_point(p, Want::Mesh, "point", i))
 }
 
-fn failed(e: io::Error) -> Error {
+/// The error of a writer that may write to anything.
+pub(super) fn failed(e: io::Error) -> Error {
     Error::new(ErrorKind::Io, "writing failed").caused_by(e)
 }
 

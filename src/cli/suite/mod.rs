@@ -1,12 +1,10 @@
 //! `suite`: many shapes, settings and seeds, and how good the results are.
 
 use std::collections::HashMap;
-use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::str::FromStr;
 
 use bijective_sdf::reconstruct::Preset;
-use bijective_sdf::{Error, ErrorKind};
 use clap::Args;
 
 mod ablations;
@@ -26,7 +24,7 @@ use super::console::print;
 use super::failure::Failure;
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::interrupt::Interrupt;
-use super::output::write_bytes;
+use super::output::{make_directory, write_bytes};
 use super::preview::{Angles, Axis, View};
 use super::sample::Noise;
 use super::settings::preset_parser;
@@ -326,12 +324,6 @@ fn sheet_titles(results: Results<'_>, setting: &Setting, seed: u64) -> [String; 
         s.failures
     );
     [what, figures]
-}
-
-fn make_directory(path: &Path) -> Result<(), Failure> {
-    fs::create_dir_all(path).map_err(|e| {
-        Failure::Output(Error::new(ErrorKind::Io, "cannot make the directory").in_file(path).caused_by(e))
-    })
 }
 
 #[cfg(test)]

@@ -5,7 +5,6 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use bijective_sdf::reconstruct::Config;
-use bijective_sdf::{Error, ErrorKind};
 
 use super::super::failure::Failure;
 use super::super::sample::Noise;
@@ -135,9 +134,7 @@ impl<'a> Plan<'a> {
 }
 
 fn digest(path: &PathBuf) -> Result<String, Failure> {
-    let bytes = fs::read(path).map_err(|e| {
-        Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
-    })?;
+    let bytes = fs::read(path).map_err(|e| Failure::cannot_read(path, e))?;
     Ok(Fingerprint::new().part(&bytes).finish())
 }
 

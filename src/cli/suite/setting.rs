@@ -172,9 +172,7 @@ impl Ablation {
 
 /// The tables of a settings file, by name.
 fn read(path: &Path) -> Result<Vec<Written>, Failure> {
-    let text = fs::read_to_string(path).map_err(|e| {
-        Failure::Input(Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))
-    })?;
+    let text = fs::read_to_string(path).map_err(|e| Failure::cannot_read(path, e))?;
     Ok(tables(&text).map_err(|e| e.in_file(path))?)
 }
 

@@ -26,10 +26,7 @@ pub fn read(path: &Path) -> Result<StoredRuns, Failure> {
     let bytes = match fs::read(path) {
         Ok(bytes) => bytes,
         Err(e) if e.kind() == IoKind::NotFound => return Ok(StoredRuns::default()),
-        Err(e) => {
-            let error = Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e);
-            return Err(Failure::Input(error));
-        }
+        Err(e) => return Err(Failure::cannot_read(path, e)),
     };
     // A line is there once its end is: what follows the last end was being written when the program was killed.
     let whole = bytes.iter().rposition(|&b| b == b'\n').map_or(0, |at| at + 1);
@@ -68,7 +65,7 @@ impl RunFile {
                 }
                 Ok(file)
             })
-            .map_err(|e| failed(path, e))?;
+            .map_err(|e| Failure::cannot_write(path, e))?;
         Ok(RunFile { path: path.to_path_buf(), file })
     }
 
@@ -78,12 +75,8 @@ impl RunFile {
         self.file
             .write_all(text.as_bytes())
             .and_then(|()| self.file.sync_data())
-            .map_err(|e| failed(&self.path, e))
+            .map_err(|e| Failure::cannot_write(&self.path, e))
     }
-}
-
-fn failed(path: &Path, e: std::io::Error) -> Failure {
-    Failure::Output(Error::new(ErrorKind::Io, "cannot write the file").in_file(path).caused_by(e))
 }
 
 #[cfg(test)]

@@ -2,7 +2,6 @@
 
 use std::any::Any;
 use std::collections::HashMap;
-use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering};
@@ -21,7 +20,7 @@ use super::super::coverage::TruthCoverage;
 use super::super::failure::Failure;
 use super::super::input::{Content, Input};
 use super::super::interrupt::Interrupt;
-use super::super::output::short_enough;
+use super::super::output::{make_directory, short_enough};
 use super::super::progress::duration;
 use super::super::sample::{Noise, add_noise};
 use super::fingerprint;
@@ -248,10 +247,7 @@ impl Runner<'_> {
     fn place(&self, file: &str) -> Result<PathBuf, Stop> {
         let path = self.out.join(file);
         if let Some(parent) = path.parent() {
-            fs::create_dir_all(parent).map_err(|e| {
-                let error = Error::new(ErrorKind::Io, "cannot make the directory").in_file(parent);
-                Stop::Fatal(Failure::Output(error.caused_by(e)))
-            })?;
+            make_directory(parent).map_err(Stop::Fatal)?;
         }
         Ok(path)
     }

@@ -94,9 +94,7 @@ impl Store {
     /// Writes the file so that a failure at any moment leaves the old one, or none.
     pub fn write(&self, path: &Path) -> Result<(), Error> {
         let file = self.encode().map_err(|e| e.in_file(path))?;
-        write_atomic(path, |out| {
-            out.write_all(&file).map_err(|e| Error::new(ErrorKind::Io, "cannot write the file").caused_by(e))
-        })
+        write_atomic(path, |out| out.write_all(&file).map_err(|e| Error::cannot_write(path, e)))
     }
 
     /// The bytes of the file.
@@ -121,8 +119,7 @@ impl Store {
 
     /// Reads a file and checks it whole.
     pub fn read(path: &Path) -> Result<Store, Error> {
-        let bytes = std::fs::read(path)
-            .map_err(|e| Error::new(ErrorKind::Io, "cannot read the file").in_file(path).caused_by(e))?;
+        let bytes = std::fs::read(path).map_err(|e| Error::cannot_read(path, e))?;
         Self::decode(&bytes).map_err(|e| e.in_file(path))
     }
 
