@@ -35,7 +35,7 @@ pub struct FieldConfig {
 }
 
 impl Default for FieldConfig {
-    /// That of the preset `default`.
+    /// The network of the preset `default`.
     fn default() -> Self {
         FieldConfig {
             width: 64,

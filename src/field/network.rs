@@ -75,7 +75,7 @@ pub(super) struct PackedWeights {
 }
 
 impl PackedWeights {
-    /// Those of a field, for values alone.
+    /// The weights of a field, prepared for its values alone, not for gradients.
     pub(super) fn straight(field: &Field) -> Self {
         let mut weights = PackedWeights::default();
         weights.fill_straight(field);
@@ -88,7 +88,7 @@ impl PackedWeights {
         self.straight.iter_mut().enumerate().for_each(|(l, w)| w.fill(field.layer(l).0.as_mat()));
     }
 
-    /// Takes over those of a field.
+    /// Prepares the weights of a field, for values and gradients.
     pub(super) fn fill(&mut self, field: &Field) {
         self.fill_straight(field);
         self.transposed.resize_with(field.config().depth, Panels::default);
@@ -100,9 +100,9 @@ impl PackedWeights {
 /// A field with its weights prepared.
 #[derive(Clone, Copy)]
 pub(super) struct Network<'a> {
-    /// Its shape, biases and last layer.
+    /// The field, for its shape, its biases and its last layer.
     pub field: &'a Field,
-    /// The weights of its hidden layers.
+    /// The prepared weights of the field's hidden layers.
     pub weights: &'a PackedWeights,
 }
 
@@ -117,7 +117,7 @@ pub(super) struct Block {
     hidden: Vec<Hidden>,
 }
 
-/// Of one hidden layer, each n x c.
+/// What the forward pass keeps of one hidden layer; each n x c.
 #[derive(Default)]
 struct Hidden {
     /// x_(l+1).

@@ -24,7 +24,7 @@ const MAX_RESIDUAL: f64 = 0.5;
 const MAX_WHOLE_POINTS: usize = 2048;
 /// The most rounds of conjugate gradients.
 const MAX_ROUNDS: usize = 200;
-/// They end when the norm of the remainder is this share of that of the values.
+/// Conjugate gradients end when the norm of the remainder is this share of the norm of the values.
 const REMAINDER: f64 = 1e-5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 512;

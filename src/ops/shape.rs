@@ -100,7 +100,7 @@ impl<const N: usize> Op<N> for ConcatCols {
     }
 }
 
-/// One above the other.
+/// Tensors of equal width stacked, the rows of the first above those of the next.
 struct ConcatRows;
 
 impl<const N: usize> Op<N> for ConcatRows {

@@ -23,20 +23,26 @@ pub(crate) fn positive(dims: &[usize], seed: u64) -> Tensor {
     t
 }
 
+/// Directions of each input in which a gradient has to be compared before its input counts as clear of kinks.
+const MIN_COMPARED: usize = 3;
+
 /// Checks the gradient of `f` and panics with what disagrees.
 ///
-/// Random inputs lie on a kink of `f` now and then, where nothing can be compared. Then they are scaled, each value by
-/// a random factor near 1, and the check is made there; it panics if eight such inputs all lie on a kink.
+/// Random inputs lie on a kink of `f` now and then, where in most directions nothing can be compared. Then they are
+/// scaled, each value by a random factor near 1, and the check is made there; it panics if eight such inputs all lie on
+/// a kink.
 #[track_caller]
 pub(crate) fn check(f: impl Fn(&mut Tape, &[Var]) -> Var, inputs: &[Tensor], seed: u64) {
     let mut moved = inputs.to_vec();
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6b69_6e6b);
     for left in (0..=8).rev() {
         let failure = match gradient(&f, &moved, Options { seed, ..Options::default() }) {
-            Ok(_) => return,
-            Err(failure) => failure,
+            // The last inputs will do with one direction.
+            Ok(compared) if compared >= MIN_COMPARED || left == 0 => return,
+            Ok(_) => None,
+            Err(failure) => Some(failure),
         };
-        if left == 0 || matches!(failure, Failure::Mismatch { .. }) {
+        if let Some(failure) = failure.filter(|f| left == 0 || matches!(f, Failure::Mismatch { .. })) {
             let shapes: Vec<_> = inputs.iter().map(Tensor::shape).collect();
             panic!("{failure}; shapes {shapes:?}, seed {seed}")
         }

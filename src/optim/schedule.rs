@@ -6,7 +6,7 @@ use std::f64::consts::PI;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub enum Decay {
-    /// It does not.
+    /// The rate stays at its base.
     Constant,
     /// Half a cosine from 1 down to `floor` at the last step (Loshchilov, Hutter 2017, SGDR, equation 5).
     Cosine {
@@ -38,7 +38,7 @@ pub struct Schedule {
     pub base: f32,
     /// Steps over which the rate rises from base / warmup to base.
     pub warmup: usize,
-    /// What happens afterwards.
+    /// How the rate falls after the warm-up.
     pub decay: Decay,
 }
 

@@ -36,7 +36,7 @@ pub struct Coded {
 pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<Parameterized> {
     let map = state.map.as_ref()?;
     // With all blocks by the same parameters; a large cloud's were computed at different steps.
-    let all = map.parameterize(&setup.cloud, &setup.blocks);
+    let all = map.parameterize(&setup.working, &setup.blocks);
     // Written so that NaN is refused.
     let near = |points: &[[f32; 3]]| points.as_flattened().iter().all(|x| x.abs() < MAX_COORDINATE);
     if near(&all.surface) && all.codes.as_ref().is_none_or(|codes| near(&codes.points)) {
@@ -54,7 +54,7 @@ pub(super) fn coded(setup: &Setup, state: &State) -> Result<Option<Coded>, Error
         (Phase::Train, step) => step,
         _ => 0,
     };
-    let (cloud, rings) = (&setup.cloud, setup.config.band.rings);
+    let (cloud, rings) = (&setup.working, setup.config.band.rings);
     let band = ActiveBand::find(&state.field, cloud, setup.resolution_at(step), rings, &|| false)?;
     let [verts, moved] = TrainStep::new(setup, state, &band, step).moved_verts()?;
     let (nearest, _) = nearest_points(&moved, &surface);

@@ -23,6 +23,7 @@ mod run;
 #[cfg(feature = "checkpoint")]
 mod save;
 mod setup;
+mod shape_samples;
 mod state;
 mod trainer;
 

@@ -2,7 +2,7 @@
 //! it).
 //!
 //! A term is one entry of the table below: its name, which is that of its weight ([`Weights`], option `weights.NAME`)
-//! and of its value ([`Terms`]), a sentence with the weight's default, and how it comes from a [`Scene`]. What it
+//! and of its value ([`Terms`]), a sentence with the weight's default, and how it comes from the [`TermInputs`]. What it
 //! computes has a file of its own in [`loss`](crate::loss).
 
 use super::Target;
@@ -52,8 +52,8 @@ macro_rules! loss_terms {
         }
 
         /// Adds all terms that have a weight, in the order of the table.
-        fn add_all(weights: &Weights, sum: &mut Sum<'_>, scene: &Scene<'_>) -> Terms {
-            Terms { $($name: sum.add(weights.$name, scene, $term),)* }
+        fn add_all(weights: &Weights, sum: &mut Sum<'_>, inputs: &TermInputs<'_>) -> Terms {
+            Terms { $($name: sum.add(weights.$name, inputs, $term),)* }
         }
 
         /// Calls a macro with the names of all terms.
@@ -68,41 +68,41 @@ macro_rules! loss_terms {
 
 loss_terms! {
     /// L_para, the squared Chamfer distance between S and Q (equation 3), in steps that train the parameterization.
-    para, " Default 10, paper 10.": |_, scene| scene.para;
+    para, " Default 10, paper 10.": |_, inputs| inputs.para;
     /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5).
-    deform, " Default 0.5, paper 1.": |tape, scene| Some(match scene.tree {
-        None => tape.chamfer(scene.drawn, scene.target, Direction::BOTH),
+    deform, " Default 0.5, paper 1.": |tape, inputs| Some(match inputs.tree {
+        None => tape.chamfer(inputs.drawn, inputs.target, Direction::BOTH),
         Some(tree) => {
-            let there = tape.chamfer(scene.drawn, scene.target, Direction::FORWARD);
-            let back = surface_distance(tape, scene.crossings, scene.faces, tree, scene.target);
+            let there = tape.chamfer(inputs.drawn, inputs.target, Direction::FORWARD);
+            let back = surface_distance(tape, inputs.crossings, inputs.faces, tree, inputs.target);
             tape.add(there, back)
         }
     });
     /// L_surf, the mean of |g| on the active grid vertices (equation 6).
-    surf, " Default 0, paper 0.01.": |tape, scene| Some(mean_abs(tape, scene.field.sdf));
+    surf, " Default 0, paper 0.01.": |tape, inputs| Some(mean_abs(tape, inputs.field.sdf));
     /// The mean of (|grad g| - 1)^2 on the active vertices, the cloud and bridges (Gropp et al. 2020).
-    eikonal, " Default 0.001, paper 0.": |tape, scene| Some(eikonal(tape, scene.gradient));
+    eikonal, " Default 0.001, paper 0.": |tape, inputs| Some(eikonal(tape, inputs.gradient));
     /// The mean squared uniform Laplacian of the extracted mesh.
-    laplacian, " Default 0.01, paper 0.": |tape, scene| Some(tape.laplacian(scene.crossings, scene.faces));
+    laplacian, " Default 0.01, paper 0.": |tape, inputs| Some(tape.laplacian(inputs.crossings, inputs.faces));
     /// The mean of |g| on the cloud.
-    on_points, " Default 0.02, paper 0.": |tape, scene| scene.cloud_sdf.map(|sdf| mean_abs(tape, sdf));
+    on_points, " Default 0.02, paper 0.": |tape, inputs| inputs.cloud_sdf.map(|sdf| mean_abs(tape, sdf));
     /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
     /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
-    pull, " Default 0, paper 0.": |tape, scene| Some(pull(tape, scene.verts, scene.moved, scene.target));
+    pull, " Default 0, paper 0.": |tape, inputs| Some(pull(tape, inputs.verts, inputs.moved, inputs.target));
     /// The mean squared distance from each point of the cloud to the extracted surface.
-    cover, " Default 1, paper 0.": |tape, scene| Some(match scene.tree {
-        None => tape.chamfer(scene.drawn, scene.cloud, Direction::BACKWARD),
-        Some(tree) => surface_distance(tape, scene.crossings, scene.faces, tree, scene.cloud),
+    cover, " Default 1, paper 0.": |tape, inputs| Some(match inputs.tree {
+        None => tape.chamfer(inputs.drawn, inputs.seen, Direction::BACKWARD),
+        Some(tree) => surface_distance(tape, inputs.crossings, inputs.faces, tree, inputs.seen),
     });
     /// The mean of max(0, g + depth) at points on bridges: straight lines over gaps, no wider than the neighbour
     /// spacing of the points at their ends (the mean distance to the seven nearest others), from the largest part of
     /// the surface, or from parts joined to it, to loose parts. Gaps are looked for on 128 cubes a side after 0.65 and
     /// 0.8 of the training.
-    bridge, " Default 0.01, paper 0.": |tape, scene| scene.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
+    bridge, " Default 0.01, paper 0.": |tape, inputs| inputs.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
 }
 
 /// The inputs of the loss terms, on the tape of a step.
-pub(super) struct Scene<'a> {
+pub(super) struct TermInputs<'a> {
     /// Active grid vertices before the move, v x 3.
     pub verts: &'a [[f32; 3]],
     /// Faces of the extracted surface, f x 3.
@@ -125,15 +125,16 @@ pub(super) struct Scene<'a> {
     /// The tree over the faces of the extracted surface, if distances to it are measured to its faces (option
     /// `surface_samples`); `None` if they are measured to its vertices, as in the paper.
     pub tree: Option<&'a TriangleBvh>,
-    /// The seen points of the cloud Q.
-    pub cloud: Var,
+    /// The points of the cloud Q that this step sees, q x 3.
+    pub seen: Var,
     /// The points that the surface is drawn to, see [`target`].
     pub target: Var,
     /// L_para, in steps that train the parameterization.
     pub para: Option<Var>,
 }
 
-/// What the extracted surface is drawn to: of S (if there is one) and the cloud Q what the options say.
+/// The points that the extracted surface is drawn to: S, S united with the seen points of Q, or those alone where there
+/// is no S; which of the first two, `target` says.
 pub(super) fn target(
     tape: &mut Tape,
     weights: &Weights,
@@ -157,11 +158,11 @@ pub(super) fn add_terms(
     tape: &mut Tape,
     weights: &Weights,
     progress: f32,
-    scene: &Scene<'_>,
+    inputs: &TermInputs<'_>,
 ) -> (Option<Var>, Terms) {
     let now = Weights { deform: weights.deform * weights.deform_decay.powf(progress), ..*weights };
     let mut sum = Sum { tape, loss: None };
-    let terms = add_all(&now, &mut sum, scene);
+    let terms = add_all(&now, &mut sum, inputs);
     (sum.loss, terms)
 }
 
@@ -172,17 +173,17 @@ struct Sum<'a> {
 }
 
 impl Sum<'_> {
-    /// Adds `weight` times a term, if the weight is not 0 and the scene has the term, and returns its value.
+    /// Adds `weight` times a term, if the weight is not 0 and the step has the term, and returns its value.
     fn add(
         &mut self,
         weight: f32,
-        scene: &Scene<'_>,
-        term: impl FnOnce(&mut Tape, &Scene<'_>) -> Option<Var>,
+        inputs: &TermInputs<'_>,
+        term: impl FnOnce(&mut Tape, &TermInputs<'_>) -> Option<Var>,
     ) -> f32 {
         if weight == 0.0 {
             return 0.0;
         }
-        let Some(term) = term(self.tape, scene) else { return 0.0 };
+        let Some(term) = term(self.tape, inputs) else { return 0.0 };
         let value = self.tape.value(term).item();
         let scaled = self.tape.scale(term, weight);
         self.loss = Some(match self.loss {

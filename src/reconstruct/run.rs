@@ -98,6 +98,6 @@ pub fn reconstruct_with<P: Position>(
             return Ok(Outcome::Stopped(Box::new(trainer)));
         }
     }
-    // What the field is off by at the points is taken out of it.
+    // The field is corrected at the points, where it should be 0 (`finish`).
     Ok(Outcome::Done(Box::new(trainer.finish())))
 }

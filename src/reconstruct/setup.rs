@@ -1,7 +1,8 @@
 //! Preparation of a run: from the given points to the first state.
 
-use super::first_shape::{FirstShape, Samples};
+use super::first_shape::FirstShape;
 use super::frame::Frame;
+use super::shape_samples::ShapeSamples;
 use super::state::State;
 use super::{Config, Hints, Stage, StartShape};
 use crate::bsp::{Neighbourhood, SurfaceMap};
@@ -76,7 +77,7 @@ pub(super) struct Setup {
     pub frame: Frame,
     /// The working points, n x 3, working frame: the input points, made even if a scanner left them in lines,
     /// thinned if there are many, and without the noise that was found.
-    pub cloud: Vec<[f32; 3]>,
+    pub working: Vec<[f32; 3]>,
     /// A permutation of the working points (n), in which steps go through a cloud that is too large for one.
     pub order: Vec<u32>,
     /// The parts in which S is made; none without a map.
@@ -84,7 +85,7 @@ pub(super) struct Setup {
     /// The shape that the field learns first; none where it starts as a sphere.
     pub shape: Option<FirstShape>,
     /// Points on that shape for S to cover in its pretraining.
-    pub samples: Option<Samples>,
+    pub samples: Option<ShapeSamples>,
 }
 
 impl Setup {
@@ -119,7 +120,7 @@ impl Setup {
         let blocks = map.as_ref().map_or_else(Vec::new, |map| map.blocks(&cloud, outward, size));
         let points_of_s = map.as_ref().map_or(0, |map| map.surface_len(cloud.len()));
         let samples = match &shape {
-            Some(shape) => Some(Samples::of(&shape.mesh, &cloud, points_of_s, config.seed)?),
+            Some(shape) => Some(ShapeSamples::of(&shape.mesh, &cloud, points_of_s, config.seed)?),
             None => None,
         };
         let state = State::new(field, map, points_of_s);
@@ -129,7 +130,7 @@ impl Setup {
             #[cfg(feature = "checkpoint")]
             normals,
             frame,
-            cloud,
+            working: cloud,
             order,
             blocks,
             shape,

@@ -15,7 +15,7 @@ pub(super) struct State {
     pub step: usize,
     pub field: Field,
     pub field_adam: Adam,
-    /// What makes S; none without a parameterization.
+    /// The map from the working points to S; none without a parameterization.
     pub map: Option<SurfaceMap>,
     pub map_adam: Option<Adam>,
     /// S as last computed, working frame; empty without a map, zeros before the training proper.

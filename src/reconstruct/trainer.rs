@@ -242,7 +242,7 @@ impl Trainer {
             _ => None,
         };
         let shape = found.map_or(FinalShape::Learned(state.field), FinalShape::Found);
-        let finish = shape.finished_for(&setup.cloud, &setup.config);
+        let finish = shape.finished_for(&setup.working, &setup.config);
         Reconstruction {
             coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),
             surface: parameterized.map_or_else(Vec::new, |p| p.surface),
@@ -263,7 +263,7 @@ fn look_for_gaps(setup: &Setup, state: &mut State, step: usize) -> Result<(), Er
     if config.weights.bridge == 0.0 || !state.bridges.are_due(step, config.steps_in(Phase::Train)) {
         return Ok(());
     }
-    state.bridges.look(&state.field, &setup.cloud, config.min_component, step)
+    state.bridges.look(&state.field, &setup.working, config.min_component, step)
 }
 
 /// The active part of the grid for a step of the training, and whether it was searched for just now: every few steps,
@@ -292,5 +292,5 @@ pub(super) fn find_band(
     resolution: usize,
     stop: Stop<'_>,
 ) -> Result<ActiveBand, Error> {
-    ActiveBand::find(&state.field, &setup.cloud, resolution, setup.config.band.rings, stop)
+    ActiveBand::find(&state.field, &setup.working, resolution, setup.config.band.rings, stop)
 }

@@ -109,7 +109,7 @@ pub fn gauss_shapes(
     those_found(radii.par_iter().map(attempt).collect())
 }
 
-/// What did not fail; if all did, the first error.
+/// The shapes among the attempts; if all attempts failed, the error of the first.
 pub(super) fn those_found(
     mut attempts: Vec<Result<TriangleMesh, Error>>,
 ) -> Result<Vec<TriangleMesh>, Error> {

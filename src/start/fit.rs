@@ -16,7 +16,7 @@ const POOL: usize = 20_480;
 const BATCH: usize = 2048;
 /// Standard deviations of the points from a surface of usual area, near and farther.
 const SPREADS: [f32; 2] = [0.015, 0.08];
-/// What they are multiplied by for the smallest surfaces.
+/// The least factor of these deviations, that of the smallest surfaces.
 const MIN_SPREAD: f64 = 0.25;
 /// Half the side of the cube that points anywhere are drawn from (working frame; the cloud reaches to 0.5).
 const BOX: f32 = 0.6;

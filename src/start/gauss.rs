@@ -39,7 +39,7 @@ const SLAB: usize = 128;
 /// are on average 1.05 roots of that area away.
 const AREA: f64 = 0.91;
 /// The lowest level that is taken for given normals, see [`GaussField::of_normals`].
-const LEAST_LEVEL: f32 = 0.25;
+const MIN_LEVEL: f32 = 0.25;
 
 /// The indicator of a shape as a sum of dipoles at its points.
 #[derive(Clone, Debug)]
@@ -86,7 +86,7 @@ impl GaussField {
             _ => column(&|j| unit * relative[j] * f64::from(normals[j][c - 4])),
         });
         let field = GaussField { sources, level: 0.0 };
-        GaussField { level: field.at_points().clamp(LEAST_LEVEL, 0.5), ..field }
+        GaussField { level: field.at_points().clamp(MIN_LEVEL, 0.5), ..field }
     }
 
     /// chi at the points that the dipoles are at, the median: with given normals about 1/2 if they are those of a
@@ -396,7 +396,7 @@ mod tests {
         assert!((chi(&half, [0.0; 3]) - 0.5).abs() < 0.1);
         // Without a normal there is no dipole.
         let none = GaussField::of_normals(&points, &vec![[0.0; 3]; points.len()], 0.5, 0);
-        assert_eq!((none.at_points(), none.level), (0.0, LEAST_LEVEL));
+        assert_eq!((none.at_points(), none.level), (0.0, MIN_LEVEL));
     }
 
     #[test]

@@ -14,9 +14,9 @@ const USUAL_RANK: usize = 2;
 /// From where on a point is a stray. Both must hold: the ends of thin parts reach as far, but along them.
 #[derive(Clone, Copy, Debug)]
 struct Limits {
-    /// Its reach over the usual one, in the cloud and around it.
+    /// How far a stray reaches to its neighbours, over the usual reach in the cloud and around it.
     farther: f64,
-    /// Its distance from the plane of its neighbours, over the usual reach.
+    /// The distance of a stray from the plane of its neighbours, over the usual reach.
     off_plane: f64,
 }
 

@@ -55,9 +55,9 @@ pub struct Start {
 pub enum Finishing {
     /// Nothing.
     None,
-    /// What it is off by at the points is taken out of it, and the surface of least bending is blended in where the
-    /// points foretell each other; for clouds of 20 to a million points, others are
-    /// left as they are.
+    /// The field's values at the points, which should be 0, are taken out of it, and the surface of least bending is
+    /// blended in where the points foretell each other. For clouds of 20 to a million points; others are left as they
+    /// are.
     Points,
 }
 

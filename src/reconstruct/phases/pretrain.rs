@@ -8,9 +8,9 @@ use crate::loss::Direction;
 use crate::nn::Bound;
 use crate::optim::gradient_norm;
 use crate::reconstruct::Phase;
-use crate::reconstruct::first_shape::shape_term;
 use crate::reconstruct::objective::Terms;
 use crate::reconstruct::setup::Setup;
+use crate::reconstruct::shape_samples::BlockSamples;
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
@@ -29,18 +29,15 @@ pub(in crate::reconstruct) fn step(
     tape: &mut Tape,
     rate_factor: f32,
 ) -> Result<Update, Error> {
-    let Setup { config, cloud, blocks, .. } = setup;
+    let Setup { config, working, blocks, .. } = setup;
     let block = &blocks[step % blocks.len()];
     tape.clear();
     let p = map.params().bind(tape, true);
-    let (surface, context) = forward_map(tape, map, &p, cloud, block)?;
-    let slack = map.slack(block, cloud.len());
-    let para = match &setup.samples {
-        Some(samples) if config.bsp_pretrain_on_shape => {
-            shape_term(tape, surface, context, block, &samples.around(block), slack)
-        }
-        _ => para_term(tape, surface, context, block, slack),
-    };
+    let (surface, context) = forward_map(tape, map, &p, working, block)?;
+    let slack = map.slack(block, working.len());
+    let samples = setup.samples.as_ref().filter(|_| config.bsp_pretrain_on_shape);
+    let around = samples.map_or_else(BlockSamples::default, |samples| samples.around(block));
+    let para = para_term(tape, surface, context, block, &around, slack);
     let loss = tape.value(para).item();
     let gradients = p.collect(&mut tape.backward(para));
     let gradient_norm = gradient_norm(&gradients);
@@ -65,10 +62,10 @@ pub(super) fn forward_map(
     tape: &mut Tape,
     map: &SurfaceMap,
     p: &Bound,
-    cloud: &[[f32; 3]],
+    working: &[[f32; 3]],
     block: &Neighbourhood,
 ) -> Result<(Var, Var), Error> {
-    let context: Vec<[f32; 3]> = block.context().iter().map(|&i| cloud[i as usize]).collect();
+    let context: Vec<[f32; 3]> = block.context().iter().map(|&i| working[i as usize]).collect();
     let context = tape.constant(Tensor::from_points(&context));
     let surface = map.forward(tape, p, context, block);
     check_near("the parameterized surface", tape.value(surface).data())?;
@@ -76,23 +73,36 @@ pub(super) fn forward_map(
 }
 
 /// L_para of a block: from its part of S to all points around, beyond a slack if there is one, and from its centres to
-/// its part of S.
+/// its part of S. `context` (c x 3) are the points around, the centres first; to both belong the samples of the first
+/// shape that are nearest to them.
 pub(super) fn para_term(
     tape: &mut Tape,
     surface: Var,
     context: Var,
     block: &Neighbourhood,
+    samples: &BlockSamples,
     slack: Option<Arc<[f32]>>,
 ) -> Var {
     let b = block.centres().len();
+    let around = with_samples(tape, context, &samples.points);
     if b == block.context().len() && slack.is_none() {
-        return tape.chamfer(surface, context, Direction::BOTH);
+        return tape.chamfer(surface, around, Direction::BOTH);
     }
     let centres = tape.slice_rows(context, 0..b);
+    let own = with_samples(tape, centres, &samples.points[..samples.own]);
     let out = match slack {
-        None => tape.chamfer(surface, context, Direction::FORWARD),
-        Some(slack) => tape.distance_beyond(surface, context, slack),
+        None => tape.chamfer(surface, around, Direction::FORWARD),
+        Some(slack) => tape.distance_beyond(surface, around, slack),
     };
-    let back = tape.chamfer(surface, centres, Direction::BACKWARD);
+    let back = tape.chamfer(surface, own, Direction::BACKWARD);
     tape.add(out, back)
+}
+
+/// The samples (m x 3) above the points (c x 3).
+fn with_samples(tape: &mut Tape, points: Var, samples: &[[f32; 3]]) -> Var {
+    if samples.is_empty() {
+        return points;
+    }
+    let samples = tape.constant(Tensor::from_points(samples));
+    tape.concat_rows([samples, points])
 }

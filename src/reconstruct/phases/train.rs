@@ -16,8 +16,9 @@ use crate::optim::{clip_norm, gradient_norm};
 use crate::random::Random;
 use crate::reconstruct::Phase;
 use crate::reconstruct::band::ActiveBand;
-use crate::reconstruct::objective::{Scene, Terms, add_terms, target};
+use crate::reconstruct::objective::{TermInputs, Terms, add_terms, target};
 use crate::reconstruct::setup::Setup;
+use crate::reconstruct::shape_samples::BlockSamples;
 use crate::reconstruct::state::{State, fresh_adam};
 use crate::tensor::Tensor;
 use std::ops::Range;
@@ -30,7 +31,7 @@ pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<
     // The moments of the regression say nothing about the losses to come.
     state.field_adam = fresh_adam(state.field.params());
     if let Some(map) = &state.map {
-        let surface = map.surface(&setup.cloud, &setup.blocks);
+        let surface = map.surface(&setup.working, &setup.blocks);
         check_near("the parameterized surface", surface.as_flattened())?;
         state.surface = surface;
     }
@@ -44,7 +45,7 @@ pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<
 /// # Errors
 /// As [`TetGrid::working_frame`].
 pub(in crate::reconstruct) fn lower_to_points(setup: &Setup, state: &mut State) -> Result<bool, Error> {
-    let middle = median(state.field.sdf(&setup.cloud));
+    let middle = median(state.field.sdf(&setup.working));
     let cube = TetGrid::working_frame(setup.resolution_at(0))?.spacing();
     let outside = setup.shape.is_some() && middle > -0.25 * cube;
     if outside {
@@ -169,8 +170,8 @@ impl<'a> TrainStep<'a> {
 
     /// Chooses the points of the cloud and the block that this step sees.
     pub fn seen(&self) -> Seen {
-        let Setup { config, cloud, order, blocks, .. } = self.setup;
-        let (n, step, size) = (cloud.len(), self.step, config.batch.points);
+        let Setup { config, working, order, blocks, .. } = self.setup;
+        let (n, step, size) = (working.len(), self.step, config.batch.points);
         let rows: Vec<u32> = if n <= size {
             (0..n as u32).collect()
         } else {
@@ -179,7 +180,7 @@ impl<'a> TrainStep<'a> {
         let learns = self.state.map.as_ref().is_some_and(|map| !map.params().is_empty());
         let every = config.bsp_every.filter(|&every| learns && step.is_multiple_of(every));
         let block = every.map(|every| step / every % blocks.len());
-        Seen { points: rows.iter().map(|&i| cloud[i as usize]).collect(), rows, block }
+        Seen { points: rows.iter().map(|&i| working[i as usize]).collect(), rows, block }
     }
 
     /// Evaluates the field at the active vertices, the seen points and the bridges, as far as terms need them.
@@ -221,7 +222,7 @@ impl<'a> TrainStep<'a> {
 
     /// Puts the step on the tape: moved vertices, surface, target, and the loss.
     pub fn record(&self, sampled: &Sampled, seen: &Seen, work: &mut Workspace) -> Result<Recorded, Error> {
-        let Setup { config, cloud, blocks, .. } = self.setup;
+        let Setup { config, working, blocks, .. } = self.setup;
         let (state, band, rows) = (self.state, self.band, &sampled.rows);
         let progress = self.step as f32 / self.steps.max(1) as f32;
         let Workspace {
@@ -271,10 +272,10 @@ impl<'a> TrainStep<'a> {
         if let (Some(map), Some(block)) = (&state.map, seen.block) {
             let block = &blocks[block];
             let p = map.params().bind(tape, true);
-            let (surface, context) = forward_map(tape, map, &p, cloud, block)?;
+            let (surface, context) = forward_map(tape, map, &p, working, block)?;
             if config.weights.para > 0.0 {
-                let slack = map.slack(block, cloud.len());
-                para = Some(para_term(tape, surface, context, block, slack));
+                let slack = map.slack(block, working.len());
+                para = Some(para_term(tape, surface, context, block, &BlockSamples::default(), slack));
             }
             (bound, live) = (Some(p), Some(surface));
         }
@@ -287,7 +288,7 @@ impl<'a> TrainStep<'a> {
             let depths = Tensor::from_vec(&[rows.bridges.len(), 1], state.bridges.depths.clone());
             (tape.slice_rows(all.sdf, rows.bridges.clone()), tape.constant(depths))
         });
-        let scene = Scene {
+        let scene = TermInputs {
             verts: &band.verts,
             faces: &iso.faces,
             field: at_verts,
@@ -298,7 +299,7 @@ impl<'a> TrainStep<'a> {
             crossings,
             drawn,
             tree,
-            cloud: q,
+            seen: q,
             target: target(tape, &config.weights, config.target, surface, q),
             para,
         };
@@ -390,7 +391,7 @@ mod tests {
         let report = trainer.step().unwrap();
         assert!(report.surface_verts > 0 && report.recoveries == 0, "{report:?}");
         let lowered = |field: &Field| {
-            let mut values = field.sdf(&trainer.setup.cloud);
+            let mut values = field.sdf(&trainer.setup.working);
             values.sort_by(f32::total_cmp);
             values[30]
         };

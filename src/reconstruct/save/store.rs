@@ -26,7 +26,7 @@ pub(super) fn looks_like_store(bytes: &[u8]) -> bool {
 const MAX_HEADER: u64 = 1 << 24;
 const ENTRY: &str = "bijective_sdf";
 
-/// What is written and read.
+/// The content of a saved file: named texts and named tensors.
 #[derive(Debug, Default)]
 pub(in crate::reconstruct) struct Store {
     /// In the order of writing; keys hold no `=` and nothing holds a line break.

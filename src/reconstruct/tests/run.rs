@@ -213,14 +213,14 @@ fn only_clouds_beyond_a_batch_are_thinned() {
     let mut config = tiny();
     // Cubes that hold several of the points.
     config.batch = Batch { thin: Some(2.0), points: 400, centres: 100 };
-    assert_eq!(Trainer::new(&ball(400), &config).unwrap().setup.cloud.len(), 400);
+    assert_eq!(Trainer::new(&ball(400), &config).unwrap().setup.working.len(), 400);
     let points = ball(401);
     let trainer = Trainer::new(&points, &config).unwrap();
-    let kept = trainer.setup.cloud.len();
+    let kept = trainer.setup.working.len();
     assert!((20..300).contains(&kept), "{kept}");
     // Not to almost nothing.
     config.batch.thin = Some(100.0);
-    assert_eq!(Trainer::new(&points, &config).unwrap().setup.cloud.len(), 401);
+    assert_eq!(Trainer::new(&points, &config).unwrap().setup.working.len(), 401);
     let result = trainer.finish();
     assert_eq!((result.cloud().len(), result.surface_points().len()), (401, 4 * kept));
 }

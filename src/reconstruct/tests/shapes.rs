@@ -84,7 +84,12 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     };
     let sorted = crate::geometry::clean_cloud(&points).unwrap().sorted().points;
     let given = trainer.setup.frame.forward(&sorted);
-    assert!(off(&trainer.setup.cloud) < 0.8 * off(&given), "{} {}", off(&trainer.setup.cloud), off(&given));
+    assert!(
+        off(&trainer.setup.working) < 0.8 * off(&given),
+        "{} {}",
+        off(&trainer.setup.working),
+        off(&given)
+    );
     let mut finest = 0;
     while !trainer.is_done() {
         finest = finest.max(trainer.step().unwrap().resolution);
@@ -96,7 +101,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
 
     let left = Config { denoise: false, reference_area: None, ..config };
     let mut trainer = Trainer::new(&points, &left).unwrap();
-    assert_eq!((trainer.noise_removed(), &trainer.setup.cloud), (0.0, &given));
+    assert_eq!((trainer.noise_removed(), &trainer.setup.working), (0.0, &given));
     while !trainer.is_done() {
         assert!(trainer.step().unwrap().resolution <= 12);
     }
@@ -105,7 +110,7 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     let mut trainer = at_training(&points, &upsample);
     trainer.step().unwrap();
     let mut rng = Random::new(0);
-    let cloud = &trainer.setup.cloud;
+    let cloud = &trainer.setup.working;
     let fresh = SurfaceMap::new(upsample.parameterization, upsample.bsp, cloud, &mut rng).unwrap();
     assert_eq!(trainer.state.surface, fresh.surface(cloud, &fresh.blocks(cloud, None, 1000)));
 }

@@ -1,0 +1,104 @@
+//! Points on the first shape, which S is to cover beside the points of the cloud.
+
+use crate::bsp::Neighbourhood;
+use crate::error::Error;
+use crate::geometry::{TriangleMesh, nearest_points, sample_surface};
+
+/// Points on the first shape that S is to cover in its pretraining.
+pub(super) struct ShapeSamples {
+    /// m x 3, working frame.
+    points: Vec<[f32; 3]>,
+    /// The working point nearest to each, m.
+    owners: Vec<u32>,
+    /// Working points.
+    cloud_len: usize,
+}
+
+/// The samples that a block's part of S is to cover; none by default.
+#[derive(Default)]
+pub(super) struct BlockSamples {
+    /// The samples to which a point of the block's context is nearest; first those to which a centre is.
+    pub points: Vec<[f32; 3]>,
+    /// The number of `points` to which a centre is nearest.
+    pub own: usize,
+}
+
+impl ShapeSamples {
+    /// `count` points on a mesh, for a cloud (n x 3).
+    ///
+    /// # Errors
+    /// As [`sample_surface`].
+    pub fn of(mesh: &TriangleMesh, cloud: &[[f32; 3]], count: usize, seed: u64) -> Result<Self, Error> {
+        let points = sample_surface(mesh, count, seed)?.points;
+        let owners = if points.is_empty() { Vec::new() } else { nearest_points(&points, cloud).0 };
+        Ok(ShapeSamples { points, owners, cloud_len: cloud.len() })
+    }
+
+    /// The samples around the points of a block.
+    pub fn around(&self, block: &Neighbourhood) -> BlockSamples {
+        let mut role = vec![Role::Outside; self.cloud_len];
+        block.context().iter().for_each(|&i| role[i as usize] = Role::Context);
+        block.centres().iter().for_each(|&i| role[i as usize] = Role::Centre);
+        let of = |wanted: Role| {
+            let chosen = self.points.iter().zip(&self.owners);
+            chosen.filter(|(_, owner)| role[**owner as usize] == wanted).map(|(p, _)| *p).collect::<Vec<_>>()
+        };
+        let mut points = of(Role::Centre);
+        let own = points.len();
+        points.extend(of(Role::Context));
+        BlockSamples { points, own }
+    }
+}
+
+/// Whether a point of the cloud is a centre of a block, in its context, or neither.
+#[derive(Clone, Copy, PartialEq)]
+enum Role {
+    Outside,
+    Context,
+    Centre,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Config;
+    use super::super::first_shape::FirstShape;
+    use super::*;
+    use crate::bsp::{BspConfig, SurfaceMap};
+    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::random::Random;
+
+    #[test]
+    fn samples_lie_on_the_shape() {
+        let cloud: Vec<[f32; 3]> = fibonacci_sphere(120).into_iter().map(|p| p.map(|x| 0.5 * x)).collect();
+        let shape = FirstShape::find(&cloud, None, &Config::default()).unwrap().unwrap();
+        let samples = ShapeSamples::of(&shape.mesh, &cloud, 500, 0).unwrap();
+        assert_eq!(samples.points.len(), 500);
+        for p in &samples.points {
+            let radius = p.iter().map(|x| x * x).sum::<f32>().sqrt();
+            assert!((radius - 0.5).abs() < 0.02, "radius {radius}");
+        }
+    }
+
+    #[test]
+    fn the_parts_of_a_large_cloud_share_the_samples() {
+        let (cloud, _) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(200, 1);
+        let config = Config::default();
+        let shape = FirstShape::find(&cloud, None, &config).unwrap().unwrap();
+        let samples = ShapeSamples::of(&shape.mesh, &cloud, 600, 0).unwrap();
+        let bsp = BspConfig { channels: 8, heads: 2, ..config.bsp };
+        let mut rng = Random::new(0);
+        let map = SurfaceMap::new(config.parameterization, bsp, &cloud, &mut rng).unwrap();
+        let blocks = map.blocks(&cloud, Some(&shape.normals), 60);
+        assert!(blocks.len() > 2);
+        let around: Vec<BlockSamples> = blocks.iter().map(|b| samples.around(b)).collect();
+        // Every sample is one block's own.
+        let mut own: Vec<_> = around.iter().flat_map(|a| a.points[..a.own].to_vec()).collect();
+        let mut all = samples.points.clone();
+        own.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        all.sort_by(|a, b| a.partial_cmp(b).unwrap());
+        assert_eq!(own, all);
+        assert!(around.iter().all(|a| a.own < a.points.len() && a.points.len() < 600));
+        let whole = samples.around(&map.blocks(&cloud, None, 1000)[0]);
+        assert_eq!((whole.own, whole.points.len()), (600, 600));
+    }
+}
