@@ -2,15 +2,18 @@
 //! its form, stay as they were written.
 #![cfg(feature = "checkpoint")]
 
-use bijective_sdf::reconstruct::Reconstruction;
-use std::path::Path;
+use bijective_sdf::reconstruct::{Reconstruction, Saved, Trainer};
+use std::path::{Path, PathBuf};
+
+fn kept(name: &str) -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/saved").join(name)
+}
 
 /// 40 points of an ellipsoid of half axes 3, 2 and 2 around (10, -4, 0); a field of 2 layers of 8, trained for 325
 /// steps. Written by `reconstruct --save-field`, and the figures below by `sdf` and `info`.
 #[test]
 fn a_field_of_version_2_is_read() {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/saved/field_2.safetensors");
-    let result = Reconstruction::load(file).unwrap();
+    let result = Reconstruction::load(kept("field_2.safetensors")).unwrap();
     assert_eq!(result.notices(), [""; 0]);
     let config = result.config();
     assert_eq!((config.seed, config.field.width, config.stages[0].resolution), (5, 8, 12));
@@ -26,4 +29,39 @@ fn a_field_of_version_2_is_read() {
     let topology = result.mesh(24).unwrap().topology();
     assert!(topology.closed && topology.genus == Some(0), "{topology}");
     assert!((topology.volume - 53.289895).abs() < 1e-3, "{topology}");
+}
+
+/// 40 points in 64 bits of an ellipsoid of half axes 3, 2 and 2 around (500010, 5399996, 300); a field of 2 layers of 8,
+/// trained for 355 steps and finished. Written by `reconstruct --save-field`, and the figures below by `sdf` and `info`.
+#[test]
+fn a_finished_field_of_version_5_is_read() {
+    let result = Reconstruction::load(kept("field_5.safetensors")).unwrap();
+    assert_eq!(result.notices(), [""; 0]);
+    assert_eq!((result.cloud().len(), result.surface_points().len()), (40, 80));
+    assert_eq!(result.cloud()[0], [500007.2227, 5399995.7464, 300.75]);
+    let at = |x: f64, y: f64, z: f64| [500010.0 + x, 5399996.0 + y, 300.0 + z];
+    let points = [at(0.0, 0.0, 0.0), at(3.0, 0.0, 0.0), at(0.0, 3.0, 0.0), at(0.5, 0.0, 4.0)];
+    let stored = [-1.467876716, 0.003366380, 1.104347435, 2.088042975];
+    for (found, stored) in result.sdf(&points).into_iter().zip(stored) {
+        assert!((found - stored).abs() < 1e-4, "{found} for {stored}");
+    }
+    let topology = result.mesh(24).unwrap().topology();
+    assert!(topology.closed && topology.genus == Some(0), "{topology}");
+    assert!((topology.volume - 49.65001).abs() < 1e-2, "{topology}");
+}
+
+/// The run of the field above, saved after 334 of its 355 steps.
+#[test]
+fn a_checkpoint_of_version_6_goes_on() {
+    let points = Reconstruction::load(kept("field_5.safetensors")).unwrap().cloud().to_vec();
+    let file = kept("checkpoint_6.safetensors");
+    let saved = Saved::from_bytes(&std::fs::read(&file).unwrap()).unwrap();
+    let mut trainer = Trainer::resume(&file, &points, &saved.config).unwrap();
+    assert_eq!((trainer.steps_done(), trainer.total_steps()), (334, 355));
+    while !trainer.is_done() {
+        trainer.step().unwrap();
+    }
+    let topology = trainer.finish().mesh(24).unwrap().topology();
+    assert!(topology.closed && topology.genus == Some(0), "{topology}");
+    assert!((topology.volume - 49.65).abs() < 0.1, "{topology}");
 }
