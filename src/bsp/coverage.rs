@@ -5,7 +5,7 @@
 //! map (far codes in one place).
 
 use crate::error::{Error, ErrorKind};
-use crate::geometry::vec3::distance_sq;
+use crate::geometry::vec3::{distance_sq, length};
 use crate::geometry::{KdTree, distinct_places, nearest_distances, nearest_points, usable};
 use rayon::prelude::*;
 
@@ -183,7 +183,7 @@ fn mean_code(codes: &[[f32; 3]]) -> f64 {
     for code in codes {
         sum.iter_mut().zip(code).for_each(|(sum, &x)| *sum += f64::from(x));
     }
-    sum.iter().map(|x| x * x).sum::<f64>().sqrt() / codes.len() as f64
+    length(sum) / codes.len() as f64
 }
 
 /// How many different indices there are.

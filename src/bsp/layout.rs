@@ -3,7 +3,7 @@
 //! Phi's head alone starts with all codes in one spot, and nothing in the paper's losses spreads them. The layout is
 //! what the head's output is added to ([`Canonical`](super::Canonical)).
 
-use crate::geometry::vec3::{dot, sub};
+use crate::geometry::vec3::{length, sub};
 use crate::geometry::{KdTree, PrincipalAxes, fibonacci_sphere, mean_point};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -108,10 +108,6 @@ fn projected(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         unit([d.x as f32, d.y as f32, d.z as f32]).unwrap_or(*even)
     };
     points.iter().zip(&even).map(place).collect()
-}
-
-fn length(v: [f32; 3]) -> f32 {
-    dot(v, v).sqrt()
 }
 
 fn unit(v: [f32; 3]) -> Option<[f32; 3]> {

@@ -8,6 +8,7 @@
 use super::blend::PlateBlend;
 use super::residual::Residual;
 use crate::error::{Error, ErrorKind};
+use crate::geometry::vec3::length;
 use crate::start::MAX_PLATE_POINTS;
 use std::ops::RangeInclusive;
 
@@ -106,7 +107,7 @@ impl Finish {
 /// Unit vectors along the gradients; 0 for one of 0.
 fn directions(gradients: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let unit = |g: &[f32; 3]| {
-        let length = g.iter().map(|x| x * x).sum::<f32>().sqrt();
+        let length = length(*g);
         if length > 0.0 { g.map(|x| x / length) } else { [0.0; 3] }
     };
     gradients.iter().map(unit).collect()

@@ -5,6 +5,7 @@
 //! turns over. The means determine it.
 
 use super::spacing::{AREA_NEIGHBOURS, area_spacing};
+use super::vec3::length;
 use rayon::prelude::*;
 
 /// A surface that points fill crosses this many of the 5 x 5 x 5 cells around a point of it (25 if it is flat and
@@ -48,7 +49,7 @@ impl EvenCloud {
             sums[group as usize].iter_mut().zip(direction).for_each(|(sum, x)| *sum += f64::from(*x));
         }
         let unit = |(sum, any): (&[f64; 3], &[f32; 3])| {
-            let length = sum.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let length = length(*sum);
             if length > 1e-6 { sum.map(|x| (x / length) as f32) } else { *any }
         };
         sums.iter().zip(&any).map(unit).collect()

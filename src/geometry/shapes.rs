@@ -1,6 +1,6 @@
 //! Shapes with a known signed distance, for tests, demonstrations and benchmarks.
 
-use super::vec3::dot;
+use super::vec3::{dot, length};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -137,7 +137,7 @@ impl Shape {
                 value = self.eval(p);
                 g = self.gradient(p);
             }
-            let len = dot(g, g).sqrt();
+            let len = length(g);
             // A point at a crease may not settle; another draw does.
             if value.abs() < 1e-9 && len > 0.5 {
                 return (p, g.map(|x| x / len));
@@ -149,7 +149,7 @@ impl Shape {
         let [x, y, z] = p;
         let torus = |x: f64, y: f64, z: f64, major: f64, minor: f64| (x.hypot(y) - major).hypot(z) - minor;
         match *self {
-            Shape::Sphere { radius } => dot(p, p).sqrt() - radius,
+            Shape::Sphere { radius } => length(p) - radius,
             Shape::Torus { major, minor } => torus(x, y, z, major, minor),
             Shape::DoubleTorus { major, minor, blend } => {
                 let shift = major + 0.5 * minor;
@@ -165,12 +165,12 @@ impl Shape {
             }
             Shape::TwoSpheres { radius, distance } => {
                 let x = x.abs() - 0.5 * distance;
-                dot([x, y, z], [x, y, z]).sqrt() - radius
+                length([x, y, z]) - radius
             }
             Shape::RoundedBox { half, round } => {
                 let q: [f64; 3] = std::array::from_fn(|a| p[a].abs() - (half[a] - round));
                 let out = q.map(|x| x.max(0.0));
-                dot(out, out).sqrt() + q[0].max(q[1]).max(q[2]).min(0.0) - round
+                length(out) + q[0].max(q[1]).max(q[2]).min(0.0) - round
             }
         }
     }

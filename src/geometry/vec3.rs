@@ -23,6 +23,32 @@ pub(crate) fn cross<T: Copy + Sub<Output = T> + Mul<Output = T>>(a: [T; 3], b: [
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }
 
+/// |v|.
+#[inline]
+pub(crate) fn length<T: Root + Add<Output = T> + Mul<Output = T>>(v: [T; 3]) -> T {
+    dot(v, v).root()
+}
+
+/// Numbers that have square roots.
+pub(crate) trait Root: Copy {
+    /// The square root.
+    fn root(self) -> Self;
+}
+
+impl Root for f32 {
+    #[inline]
+    fn root(self) -> f32 {
+        self.sqrt()
+    }
+}
+
+impl Root for f64 {
+    #[inline]
+    fn root(self) -> f64 {
+        self.sqrt()
+    }
+}
+
 /// |a - b|^2.
 #[inline]
 pub(crate) fn dist_sq<T: Copy + Add<Output = T> + Sub<Output = T> + Mul<Output = T>>(
@@ -50,6 +76,12 @@ pub(crate) fn distance_sq(a: [f32; 3], b: [f32; 3]) -> f64 {
 #[inline]
 pub(crate) fn wide(p: [f32; 3]) -> [f64; 3] {
     p.map(f64::from)
+}
+
+/// The area of a triangle.
+#[inline]
+pub(crate) fn triangle_area(corners: [[f64; 3]; 3]) -> f64 {
+    0.5 * length(triangle_normal(corners))
 }
 
 /// The normal of a triangle, as long as twice its area; outward where the corners run counter-clockwise.

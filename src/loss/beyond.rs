@@ -2,6 +2,7 @@
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::geometry::nearest_points;
+use crate::geometry::vec3::length;
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
@@ -17,7 +18,7 @@ fn points(t: &Tensor) -> &[[f32; 3]] {
 /// b - a, and how much longer it is than the slack; 0 for a point within it.
 fn step(a: &[f32; 3], b: &[f32; 3], slack: f32) -> ([f32; 3], f32, f32) {
     let step: [f32; 3] = std::array::from_fn(|d| b[d] - a[d]);
-    let length = step.iter().map(|x| x * x).sum::<f32>().sqrt();
+    let length = length(step);
     (step, length, (length - slack).max(0.0))
 }
 

@@ -1,6 +1,7 @@
 //! The way from the input's frame to the working frame and back.
 
 use crate::error::{Error, ErrorKind};
+use crate::geometry::vec3::length;
 use crate::geometry::{Normalizer, Position};
 
 /// Axes that are stretched, and then the map that centres the points and makes their longest side 1.
@@ -97,7 +98,6 @@ impl Frame {
     /// way along which it falls to 0. In the middle between several parts of the surface, where the gradient is short
     /// and tells no way, it gives way to the least that the distance can be.
     pub fn distance(&self, value: f64, gradient: [f64; 3]) -> f64 {
-        let length = |v: [f64; 3]| v.iter().map(|x| x * x).sum::<f64>().sqrt();
         let most = self.stretch.iter().fold(0.0, |most: f64, &x| most.max(x));
         let known = ((length(gradient) - SHORT[0]) / (SHORT[1] - SHORT[0])).clamp(0.0, 1.0);
         let along = length(self.slope(gradient)) / length(gradient).max(f64::MIN_POSITIVE);

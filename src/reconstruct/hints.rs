@@ -2,6 +2,7 @@
 
 use super::frame::Frame;
 use crate::geometry::Position;
+use crate::geometry::vec3::length;
 
 /// What a run is told beside points and options.
 ///
@@ -36,7 +37,7 @@ impl Hints<'_> {
         let normals = self.normals?;
         let unit = |i: &u32| {
             let wide = frame.normal(normals[*i as usize].wide());
-            let len = wide.iter().map(|x| x * x).sum::<f64>().sqrt();
+            let len = length(wide);
             if len > 0.0 && len.is_finite() { wide.map(|x| (x / len) as f32) } else { [0.0; 3] }
         };
         Some(kept.iter().map(unit).collect())

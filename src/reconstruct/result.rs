@@ -7,6 +7,7 @@ use super::frame::Frame;
 use crate::bsp::Coverage;
 use crate::error::Error;
 use crate::finish::Finish;
+use crate::geometry::vec3::length;
 use crate::geometry::{
     Bounds, CellSizes, KdTree, Normalizer, Position, TriangleMesh, WORKING_CUBE, extract_graded,
 };
@@ -119,7 +120,7 @@ impl Reconstruction {
         if !self.frame.is_plain() {
             gradients.iter_mut().for_each(|g| {
                 let slope = self.frame.slope(*g);
-                let len = slope.iter().map(|x| x * x).sum::<f64>().sqrt().max(f64::MIN_POSITIVE);
+                let len = length(slope).max(f64::MIN_POSITIVE);
                 *g = slope.map(|x| x / len);
             });
         }

@@ -1,7 +1,7 @@
 //! A closed surface cut where no point speaks for it, along smooth lines.
 
 use super::Support;
-use crate::geometry::vec3::{self, triangle_normal};
+use crate::geometry::vec3::triangle_area;
 use crate::geometry::{Position, TriangleMesh, connected};
 use std::collections::HashMap;
 
@@ -63,15 +63,10 @@ pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &Support, factor: f32)
 fn vertex_areas<P: Position>(mesh: &TriangleMesh<P>) -> Vec<f64> {
     let mut areas = vec![0.0; mesh.verts.len()];
     for face in &mesh.faces {
-        let third = face_area(face.map(|v| mesh.verts[v as usize])) / 3.0;
+        let third = triangle_area(face.map(|v| mesh.verts[v as usize]).map(P::wide)) / 3.0;
         face.iter().for_each(|&v| areas[v as usize] += third);
     }
     areas
-}
-
-fn face_area<P: Position>(corners: [P; 3]) -> f64 {
-    let normal = triangle_normal(corners.map(P::wide));
-    0.5 * vec3::dot(normal, normal).sqrt()
 }
 
 /// For each vertex the smallest vertex that edges between vertices of its side lead to.
@@ -96,7 +91,8 @@ fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bo
             out.verts.len() as u32 - 1
         })
     };
-    let whole: f64 = mesh.faces.iter().map(|f| face_area(f.map(|v| mesh.verts[v as usize]))).sum();
+    let whole: f64 =
+        mesh.faces.iter().map(|f| triangle_area(f.map(|v| mesh.verts[v as usize]).map(P::wide))).sum();
     for face in &mesh.faces {
         let inside = face.map(|v| kept[v as usize]);
         match inside.iter().filter(|&&k| k).count() {
@@ -116,7 +112,8 @@ fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bo
             }
         }
     }
-    let left: f64 = out.faces.iter().map(|f| face_area(f.map(|v| out.verts[v as usize]))).sum();
+    let left: f64 =
+        out.faces.iter().map(|f| triangle_area(f.map(|v| out.verts[v as usize]).map(P::wide))).sum();
     let mut used = vec![false; out.verts.len()];
     out.faces.iter().flatten().for_each(|&v| used[v as usize] = true);
     let gap = values.iter().zip(&used).filter(|(_, used)| **used).map(|(&s, _)| s).collect();

@@ -9,6 +9,7 @@
 //! formula, and ends nearby.
 
 use crate::error::{Error, ErrorKind};
+use crate::geometry::vec3::length;
 use crate::linalg::{LbfgsOptions, Symmetric, lbfgs};
 use crate::simd::kernel;
 use nalgebra::{DMatrix, DMatrixView, DVector, Matrix4};
@@ -197,7 +198,7 @@ impl System {
 pub(crate) fn directions(normals: &[[f32; 3]]) -> Vec<f64> {
     let direction = |normal: &[f32; 3]| {
         let normal = normal.map(f64::from);
-        let len = normal.iter().map(|x| x * x).sum::<f64>().sqrt();
+        let len = length(normal);
         if len > 0.0 { normal.map(|x| x / len) } else { [1.0, 0.0, 0.0] }
     };
     normals.iter().flat_map(direction).collect()
@@ -211,7 +212,7 @@ fn unit(u: &[f64]) -> (Vec<f64>, Vec<f64>) {
         .0
         .iter_mut()
         .map(|d| {
-            let len = d.iter().map(|x| x * x).sum::<f64>().sqrt().max(1e-300);
+            let len = length(*d).max(1e-300);
             *d = d.map(|x| x / len);
             len
         })

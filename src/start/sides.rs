@@ -1,7 +1,7 @@
 //! Which side of the surface is outside, where somebody knows: normals that contradict each other, and normals that
 //! face the place from which the points were seen.
 
-use crate::geometry::vec3::{dot, sub};
+use crate::geometry::vec3::{dot, length, sub};
 use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes};
 use nalgebra::Vector3;
 use rayon::prelude::*;
@@ -94,7 +94,7 @@ pub fn facing<P: Position>(points: &[P], normals: Option<&[[f32; 3]]>, origin: [
 
 /// A vector of unit length, unless it is zero or not finite.
 fn direction(v: [f64; 3]) -> Option<[f64; 3]> {
-    let len = dot(v, v).sqrt();
+    let len = length(v);
     (len > 0.0 && len.is_finite()).then(|| v.map(|x| x / len))
 }
 

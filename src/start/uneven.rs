@@ -1,7 +1,7 @@
 //! Points in slices across an axis or on lines along one, as sections and the tracks of ships leave them.
 
 use crate::geometry::median;
-use crate::geometry::vec3::{dot, sub};
+use crate::geometry::vec3::{length, sub};
 
 /// How unevenly points lie; see [`Sampling::uneven`](super::Sampling::uneven).
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -29,7 +29,7 @@ pub(super) fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven
         .chunks_exact(k)
         .map(|row| {
             let way = sub(unit[row[1] as usize], unit[row[0] as usize]).map(f64::from);
-            let len = dot(way, way).sqrt();
+            let len = length(way);
             (way.map(|x| x.abs() / len.max(f64::MIN_POSITIVE)), len)
         })
         .collect();

@@ -1,7 +1,7 @@
 //! The sizes of a mesh and of its faces.
 
 use super::TriangleMesh;
-use crate::geometry::vec3::{dot, sub, triangle_normal};
+use crate::geometry::vec3::{dot, length, sub, triangle_normal};
 use crate::geometry::{Bounds, Position, about, are_f32};
 
 /// What the volumes and areas of a mesh are computed from.
@@ -30,7 +30,7 @@ impl Measure {
     pub fn volume_and_area(&self, face: [u32; 3]) -> (f64, f64) {
         let corners = face.map(|v| self.verts[v as usize].map(f64::from));
         let normal = triangle_normal(corners);
-        (dot(sub(corners[0], self.centre), normal) / 6.0, 0.5 * dot(normal, normal).sqrt())
+        (dot(sub(corners[0], self.centre), normal) / 6.0, 0.5 * length(normal))
     }
 
     /// The least and greatest coordinates of the `mesh` it was made of, see [`Topology`](super::Topology).

@@ -2,7 +2,7 @@
 
 use super::TriangleMesh;
 use crate::error::{Error, ErrorKind};
-use crate::geometry::vec3::{dot, triangle_normal, wide};
+use crate::geometry::vec3::{length, triangle_normal, wide};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 use rayon::prelude::*;
@@ -55,7 +55,7 @@ pub fn sample_surface(mesh: &TriangleMesh, count: usize, seed: u64) -> Result<Su
             let w = [1.0 - r, r * (1.0 - s), r * s];
             points[i] = std::array::from_fn(|k| (w[0] * a[k] + w[1] * b[k] + w[2] * c[k]) as f32);
             let n = triangle_normal([a, b, c]);
-            let len = dot(n, n).sqrt();
+            let len = length(n);
             normals[i] = n.map(|x| (x / len) as f32);
             faces[i] = face as u32;
             weights[i] = w.map(|x| x as f32);
@@ -100,7 +100,7 @@ pub(crate) fn cumulative_areas(verts: &[[f32; 3]], faces: &[[u32; 3]]) -> Vec<f6
     let mut sum = 0.0;
     let mut add = |face: &[u32; 3]| {
         let normal = triangle_normal(face.map(|v| wide(verts[v as usize])));
-        sum += dot(normal, normal).sqrt();
+        sum += length(normal);
         sum
     };
     faces.iter().map(&mut add).collect()

@@ -1,6 +1,6 @@
 //! The indexed triangle mesh.
 
-use crate::geometry::vec3::{dot, triangle_normal};
+use crate::geometry::vec3::{length, triangle_normal};
 use crate::geometry::{Bounds, Position, about, widened};
 
 /// An indexed triangle mesh; counter-clockwise winding seen from outside.
@@ -51,7 +51,7 @@ impl<P: Position> TriangleMesh<P> {
             }
         }
         let unit = |n: [f64; 3]| {
-            let len = dot(n, n).sqrt();
+            let len = length(n);
             if len == 0.0 { [0.0; 3] } else { n.map(|x| (x / len) as f32) }
         };
         sums.into_iter().map(unit).collect()
@@ -75,6 +75,7 @@ mod tests {
     use super::super::testing::level_set;
     use super::*;
     use crate::geometry::Shape;
+    use crate::geometry::vec3::dot;
 
     #[test]
     fn a_mesh_far_away_is_measured_as_one_at_the_origin() {
@@ -95,11 +96,11 @@ mod tests {
 
     #[test]
     fn sphere_normals_point_outwards() {
-        let mesh = level_set(18, |p| dot(p, p).sqrt() - 0.8);
+        let mesh = level_set(18, |p| length(p) - 0.8);
         for (n, p) in mesh.vertex_normals().iter().zip(&mesh.verts) {
             let (n, p) = (n.map(f64::from), p.map(f64::from));
             assert!((dot(n, n) - 1.0).abs() < 1e-6);
-            assert!(dot(n, p) / dot(p, p).sqrt() > 0.97);
+            assert!(dot(n, p) / length(p) > 0.97);
         }
     }
 }

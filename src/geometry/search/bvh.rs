@@ -3,7 +3,7 @@
 use super::triangle::{OnTriangle, closest_on_triangle};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::TriangleMesh;
-use crate::geometry::vec3::{dist_sq, dot, triangle_normal};
+use crate::geometry::vec3::{dist_sq, dot, length, triangle_normal};
 use rayon::prelude::*;
 
 /// Triangles in a leaf, at most.
@@ -218,7 +218,7 @@ impl TriangleBvh {
     #[track_caller]
     pub fn face_normal(&self, face: u32) -> [f32; 3] {
         let n = triangle_normal(self.corners[self.place[face as usize] as usize]);
-        let len = dot(n, n).sqrt();
+        let len = length(n);
         if len > 0.0 { n.map(|x| (x / len) as f32) } else { [0.0; 3] }
     }
 }
