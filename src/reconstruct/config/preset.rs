@@ -110,7 +110,7 @@ fn paper() -> Config {
         start: Start { shape: StartShape::Sphere, ..default().start },
         target: Target::Surface,
         weights: Weights { para: 10.0, deform: 1.0, surf: 0.01, ..Weights::NONE },
-        stages: vec![Stage { resolution: 24, steps: 300 }],
+        stages: vec![Stage { resolution: 48, steps: 300 }],
         reference_area: None,
         field_rate: Schedule { base: 5e-4, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
         bsp_rate: Schedule { base: 1e-3, warmup: 40, decay: Decay::Cosine { floor: 0.05 } },
