@@ -17,6 +17,7 @@ mod first_shape;
 mod frame;
 mod hints;
 mod objective;
+mod phase;
 mod phases;
 mod result;
 mod run;
@@ -31,7 +32,8 @@ pub use coded::Coded;
 pub use config::{Band, Batch, Config, Finishing, Preset, Stage, Start, StartShape, Target};
 pub use hints::Hints;
 pub use objective::{Terms, Weights};
-pub use phases::{Phase, StepReport};
+pub use phase::Phase;
+pub use phases::StepReport;
 pub use result::Reconstruction;
 pub use run::{Event, Outcome, reconstruct, reconstruct_with};
 #[cfg(feature = "checkpoint")]

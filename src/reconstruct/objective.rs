@@ -5,7 +5,7 @@
 //! and of its value ([`Terms`]), a sentence with the weight's default, and how it comes from the [`TermInputs`]. What it
 //! computes has a file of its own in [`loss`](crate::loss).
 
-use super::Target;
+use super::config::Target;
 use crate::autodiff::{Tape, Var};
 use crate::field::FieldVars;
 use crate::geometry::TriangleBvh;

@@ -1,7 +1,7 @@
 //! The report of a step.
 
-use super::Phase;
 use crate::reconstruct::objective::Terms;
+use crate::reconstruct::phase::Phase;
 
 /// What happened in a step. Losses are in the working frame, before their weights; 0 where the weight is 0, and where
 /// the phase does not have them.
