@@ -63,7 +63,7 @@ fn code(text: &str) -> String {
         let bare = line.trim_start();
         let indent = line.len() - bare.len();
         if let Some(left) = skipped {
-            let ends = indent == left && (bare.starts_with('}') || bare.ends_with(';'));
+            let ends = indent == left && (bare.starts_with('}') || bare.ends_with([';', ',']));
             skipped = (!ends).then_some(left);
             continue;
         }
