@@ -231,8 +231,8 @@ mod tests {
             "reference_area",
             "batch.thin",
             "surface_samples",
-            "clip",
             "train_up_to",
+            "clip",
         ] {
             let error = config.validate().unwrap_err();
             assert_eq!(error.element(), Some(format!("option {key}").as_str()));
