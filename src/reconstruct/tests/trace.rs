@@ -41,7 +41,7 @@ fn small(preset: Preset) -> Config {
 
 /// The losses of all steps of the training proper, on this thread alone.
 fn losses(config: &Config) -> Vec<f32> {
-    let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, 8).0;
+    let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, 2).0;
     let mut trainer = Trainer::new(&points, config).unwrap();
     let mut losses = Vec::new();
     while !trainer.is_done() {
@@ -55,8 +55,10 @@ fn losses(config: &Config) -> Vec<f32> {
 }
 
 /// The most that a loss may differ from the stored one, as a share of it. Portable code rounds products and sums one by
-/// one, AVX2 and AVX-512 fuse them: 20 steps apart that comes to 4e-7 for `default`, 1.4e-6 with a clipped gradient and
-/// 1.2e-7 for `paper`. The planted faults change some loss by 0.04 or more.
+/// one, AVX2 and AVX-512 fuse them: 20 steps apart that comes to 1.1e-6 for `default`, 7e-7 with a clipped gradient and
+/// 4e-7 for `paper` on the cloud of `losses`. On most other clouds rounding decides at some step which face is the
+/// nearest, and small losses differ by a thousandth or more from there on. The planted faults change some loss by 0.04
+/// or more.
 const TOLERANCE: f32 = 5e-5;
 
 /// Compares the losses with stored ones, at every instruction set that the processor has.
@@ -78,26 +80,26 @@ fn check(config: &Config, stored: [f32; STEPS]) {
 #[test]
 fn losses_of_default_are_as_stored() {
     let stored = [
-        0.53635025,
-        0.031412184,
-        0.622819,
-        0.02240905,
-        0.5163302,
-        0.01597196,
-        0.6068748,
-        0.012417322,
-        0.5075321,
-        0.007622457,
-        0.59778357,
-        0.007333772,
-        0.50142944,
-        0.005512671,
-        0.59314066,
-        0.004654241,
-        0.4991115,
-        0.0038865865,
-        0.59040886,
-        0.0036171835,
+        0.6936786,
+        0.031046715,
+        0.4612554,
+        0.02028491,
+        0.67338526,
+        0.014893182,
+        0.44888064,
+        0.00998899,
+        0.66144526,
+        0.0079319365,
+        0.4443142,
+        0.0077287816,
+        0.65617603,
+        0.0055793365,
+        0.44083455,
+        0.0058074137,
+        0.65370876,
+        0.0044543855,
+        0.43906936,
+        0.0040813084,
     ];
     check(&small(Preset::Default), stored);
 }
@@ -105,26 +107,26 @@ fn losses_of_default_are_as_stored() {
 #[test]
 fn losses_of_default_with_a_clipped_gradient_are_as_stored() {
     let stored = [
-        0.53635025,
-        0.031412188,
-        0.62210196,
-        0.022815293,
-        0.51660854,
-        0.015351437,
-        0.607079,
-        0.011832322,
-        0.5063714,
-        0.007597547,
-        0.59768724,
-        0.0070348643,
-        0.5014102,
-        0.00540348,
-        0.5927921,
-        0.00454086,
-        0.49886984,
-        0.0037525631,
-        0.5904141,
-        0.0034879812,
+        0.6936786,
+        0.031046715,
+        0.46166113,
+        0.02040315,
+        0.67335254,
+        0.013985554,
+        0.44840637,
+        0.009823692,
+        0.66081023,
+        0.007710548,
+        0.44417426,
+        0.008112287,
+        0.6562664,
+        0.0057664765,
+        0.44068986,
+        0.0058114193,
+        0.65373313,
+        0.004469893,
+        0.43902612,
+        0.0040528234,
     ];
     check(&Config { clip: Some(0.1), ..small(Preset::Default) }, stored);
 }
@@ -132,9 +134,9 @@ fn losses_of_default_with_a_clipped_gradient_are_as_stored() {
 #[test]
 fn losses_of_paper_are_as_stored() {
     let stored = [
-        0.21269645, 0.21113946, 0.21523967, 0.21731782, 0.20176408, 0.20633054, 0.20304948, 0.2026405,
-        0.19734666, 0.20588651, 0.16259483, 0.16506512, 0.16857675, 0.17151514, 0.15647125, 0.16356897,
-        0.15976481, 0.1636384, 0.15934674, 0.1700099,
+        0.26740685, 0.2642286, 0.27087024, 0.26228917, 0.25407112, 0.2501524, 0.24286373, 0.26047844,
+        0.24062294, 0.2465052, 0.19593212, 0.20404322, 0.20229852, 0.20277458, 0.20163278, 0.1977655,
+        0.19499996, 0.20384596, 0.19619837, 0.19671603,
     ];
     check(&small(Preset::Paper), stored);
 }
