@@ -2,8 +2,8 @@
 //! it).
 //!
 //! A term is one entry of the table below: its name, which is that of its weight ([`Weights`], option `weights.NAME`)
-//! and of its value ([`Terms`]), a sentence with the weight's default, and how it comes from the [`TermInputs`]. What it
-//! computes has a file of its own in [`loss`](crate::loss).
+//! and of its value ([`Terms`]), a sentence with the weight's default, and how it comes from the [`TermInputs`]. What
+//! it computes has a file of its own in [`loss`](crate::loss).
 
 use super::config::Target;
 use crate::autodiff::{Tape, Var};

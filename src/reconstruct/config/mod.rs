@@ -113,8 +113,8 @@ pub struct Config {
     pub scale_with_points: bool,
     /// The size of the largest cloud (without duplicates) that anything is trained for. Of a larger one the result is
     /// the first shape, finished, as of the preset `start`: it grows with the points, which the network does not
-    /// (`benches/method.md`). It holds where `scale_with_points` is set and the field does not start as a sphere. `None`
-    /// (`all`) trains whatever the size. Default 1,000.
+    /// (`benches/method.md`). It holds where `scale_with_points` is set and the field does not start as a sphere.
+    /// `None` (`all`) trains whatever the size. Default 1,000.
     pub train_up_to: Option<usize>,
     /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
     /// they do; for clouds of 50 to 500 points whose field does not start as a sphere. Default true, paper false.
