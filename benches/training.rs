@@ -37,7 +37,8 @@ fn steps(c: &mut Criterion) {
 fn start(c: &mut Criterion) {
     for n in [300, 2000] {
         let (points, _) = TORUS.sample(n, 1);
-        let config = Config::preset(Preset::Default);
+        let mut config = Config::preset(Preset::Default);
+        config.train_up_to = None;
         c.bench_function(&format!("start {n}"), |bench| {
             bench.iter(|| Trainer::new(&points, &config).expect("a torus"));
         });

@@ -135,6 +135,30 @@ fn a_resumed_run_needs_no_options_and_refuses_others() {
 }
 
 #[test]
+fn a_large_cloud_keeps_its_first_shape_and_says_so() {
+    let dir = Dir::new("large");
+    let (cloud, mesh, surface) = (dir.cloud(), dir.path("mesh.ply"), dir.path("s.ply"));
+    let points = read_cloud(&cloud).unwrap().points.len();
+    let command = |limit: &str| {
+        let mut command = tiny(&cloud, &mesh);
+        command.args(["--set", "start.shape=plate", "--set", "start.steps=20"]);
+        command.args(["--json", "--set", &format!("train_up_to={limit}")]);
+        command
+    };
+    let below = (points - 1).to_string();
+    let told = parse(&out(&run(command(&below).arg("--quiet"), 0)));
+    assert_eq!(told.at("steps").number(), 0.0);
+    assert!(out(&run(&mut command(&below), 0)).contains("nothing is trained for more than"));
+    assert!(read_mesh(&mesh).unwrap().topology().closed);
+    fails(command(&below).arg("--surface-points").arg(&surface), 2, &["train_up_to=all"]);
+    for limit in [&points.to_string(), "all"] {
+        let told = out(&run(command(limit).arg("--surface-points").arg(&surface), 0));
+        assert!(parse(&told).at("steps").number() > 0.0 && !told.contains("nothing is trained"));
+    }
+    fails(&mut command("0"), 2, &["train_up_to", "1 to"]);
+}
+
+#[test]
 fn fields_go_through_pipes_and_info_knows_what_was_saved() {
     let dir = Dir::new("saved");
     let (cloud, mesh, saved) = (dir.cloud(), dir.path("mesh.ply"), dir.path("run.checkpoint"));

@@ -44,7 +44,9 @@ fn try_entries<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) {
         Err(error) => check_error(&error),
         Ok(()) => {
             assert!(again == config, "a valid configuration has no NaN");
-            for points in [4, 3000, 1 << 24] {
+            let trained = Config { train_up_to: None, ..config.clone() };
+            for (config, points) in [4, 3000, 1 << 24].into_iter().flat_map(|n| [(&config, n), (&trained, n)])
+            {
                 let adapted = config.clone().for_points(points);
                 adapted.validate().expect("what is valid stays so for any number of points");
                 let steps: usize = Phase::ALL.into_iter().map(|phase| adapted.steps_in(phase)).sum();

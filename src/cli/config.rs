@@ -42,6 +42,11 @@ pub fn list_presets() -> Result<(), Failure> {
             stages.collect::<Vec<_>>().join(" and "),
         );
     }
+    if let Some(limit) = Config::default().train_up_to {
+        text += &format!(
+            "Clouds of more than {limit} points keep the first shape, but with `paper`; --set train_up_to=all trains.\n"
+        );
+    }
     print(text)
 }
 

@@ -125,7 +125,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
         let euler = shape.euler_characteristic();
         let fits = if topology.euler == euler { "as" } else { "not as" };
         print(format!(
-            "{}\n{topology}\nEuler number {} {fits} that of the true surface, {euler}; trained for {:.1} s\n\n\
+            "{}\n{topology}\nEuler number {} {fits} that of the true surface, {euler}; made in {:.1} s\n\n\
              points          {}\nreconstruction  {}\ntrue surface    {}\npicture         {}\n",
             report_text(&report, false),
             topology.euler,

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use bijective_sdf::evaluate::percentile;
 use bijective_sdf::geometry::{
-    Attribute, Bounds, KdTree, Normalizer, Position, TriangleMesh, clean_cloud, shortest,
+    Attribute, Bounds, CleanCloud, KdTree, Normalizer, Position, TriangleMesh, clean_cloud, shortest,
 };
 use bijective_sdf::io::PointCloud;
 use bijective_sdf::reconstruct::{Saved, SavedKind};
@@ -105,7 +105,8 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
     let points = &cloud.points;
     let bounds = Bounds::of(points)?;
     let (low, high, offset) = (bounds.min, bounds.max, bounds.offset());
-    let cleaned = clean_cloud(points);
+    // As `reconstruct` has them.
+    let cleaned = clean_cloud(points).map(CleanCloud::sorted);
     let problem = cleaned.as_ref().err().map(|e| chain(e));
     // Adding 0 turns -0 into 0.
     let places: HashSet<[u64; 3]> = points.iter().map(|p| p.map(|x| (x + 0.0).to_bits())).collect();

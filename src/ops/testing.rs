@@ -23,7 +23,7 @@ pub(crate) fn positive(dims: &[usize], seed: u64) -> Tensor {
     t
 }
 
-/// Directions of each input in which a gradient has to be compared before its input counts as clear of kinks.
+/// If a gradient can be compared in fewer directions than this, its input is taken to lie near a kink and is moved.
 const MIN_COMPARED: usize = 3;
 
 /// Checks the gradient of `f` and panics with what disagrees.

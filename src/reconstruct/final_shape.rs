@@ -81,7 +81,7 @@ impl FinalShape {
 /// the `seeds` (n x 3) too, without parts below the share `min_part` of the largest part's area.
 ///
 /// # Errors
-/// As [`Reconstruction::mesh`].
+/// As [`Reconstruction::mesh`](super::Reconstruction::mesh).
 pub(super) fn zero_level_set(
     sdf: &dyn Fn(&[[f32; 3]]) -> Vec<f32>,
     seeds: &[[f32; 3]],
@@ -92,7 +92,7 @@ pub(super) fn zero_level_set(
     let options = NarrowBandOptions { coarse_resolution: COARSE, seeds, ..Default::default() };
     let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(sdf(x)), &options).map_err(|e| {
         if e.kind() == ErrorKind::NoSurface {
-            return e.advise("raise the resolution, or train for more steps");
+            return e.advise("raise the resolution, or train for more steps where anything is trained");
         }
         e
     })?;

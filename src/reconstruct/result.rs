@@ -245,7 +245,8 @@ impl Reconstruction {
         GridValues { origin: outer.inverse_wide(low), spacing: spacing * outer.scale(), size, values }
     }
 
-    /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a parameterization.
+    /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a
+    /// parameterization, or where nothing was trained ([`Config::train_up_to`]).
     pub fn surface_points(&self) -> Vec<[f64; 3]> {
         self.frame.place(&self.surface)
     }
@@ -253,7 +254,7 @@ impl Reconstruction {
     /// How well S covers the points that the training worked with (without their noise, and thinned if there are many),
     /// and its codes the sphere, in the working frame.
     ///
-    /// `None` without a parameterization, and for a result that was loaded from a file: its field is all that there is
+    /// `None` without a parameterization or a training ([`Config::train_up_to`]), and for a result that was loaded from a file: its field is all that there is
     /// of the training. A checkpoint has the state that this follows from; resume it and finish.
     pub fn coverage(&self) -> Option<&Coverage> {
         self.coverage.as_ref()

@@ -85,7 +85,7 @@ pub struct ReconstructArgs {
     /// Stop after this time, in whichever phase, and write the mesh of the field as it is then
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     time_limit: Option<Duration>,
-    /// Write the denser points that the surface was drawn to (ply, xyz, csv)
+    /// Write the denser points that the surface was drawn to in the training (ply, xyz, csv)
     #[arg(long, value_name = "FILE")]
     surface_points: Option<PathBuf>,
     /// Write point clouds in the colours of their codes on the sphere, rgb = (code + 1) / 2, to draw the
@@ -118,13 +118,19 @@ fn seconds(text: &str) -> Result<Duration, String> {
         .ok_or_else(|| "a number of seconds expected".into())
 }
 
-/// Tells that a cloud of more than `limit` points keeps its first shape, if the options would train a smaller one.
+/// Tells that a cloud of more than `limit` points keeps its first shape, if the options would train a smaller one, and
+/// returns what was told.
 ///
 /// # Errors
 /// [`Failure::Usage`] if something is asked for that only a training makes.
-fn untrained(args: &ReconstructArgs, config: &Config, limit: usize, common: Common) -> Result<(), Failure> {
+fn untrained(
+    args: &ReconstructArgs,
+    config: &Config,
+    limit: usize,
+    common: Common,
+) -> Result<Option<String>, Failure> {
     if config.stages.is_empty() || !config.scale_with_points {
-        return Ok(());
+        return Ok(None);
     }
     let asked = [(args.surface_points.is_some(), "--surface-points"), (args.codes.is_some(), "--codes")];
     if let Some((_, option)) = asked.iter().find(|(given, _)| *given) {
@@ -133,11 +139,12 @@ fn untrained(args: &ReconstructArgs, config: &Config, limit: usize, common: Comm
              --set train_up_to=all is given"
         )));
     }
-    common.note(&format!(
+    let told = format!(
         "nothing is trained for more than {limit} points: their first shape is the better one (--set train_up_to=all \
          trains in any case)"
-    ));
-    Ok(())
+    );
+    common.note(&told);
+    Ok(Some(told))
 }
 
 /// Reconstructs a cloud.
@@ -156,16 +163,17 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if args.codes.is_some() && config.parameterization != Parameterization::Bsp {
         return Err(Failure::Usage("--codes needs codes, which only parameterization=bsp has".into()));
     }
-    args.fineness.check(&config, common)?;
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
     let interrupt = Interrupt::install("giving up the step and writing a checkpoint")?;
-    let cloud = Prepared::read(args, &outputs.mesh, common)?;
-    let points = &cloud.points;
-    common.note(&format!("{} points, preset {preset}, seed {}", points.len(), config.seed));
-    if let (false, Some(limit)) = (config.trains(points.len()), config.train_up_to) {
-        untrained(args, &config, limit, common)?;
+    let mut cloud = Prepared::read(args, &outputs.mesh, common)?;
+    let count = cloud.points.len();
+    args.fineness.check(&config.clone().for_points(count), common)?;
+    common.note(&format!("{count} points, preset {preset}, seed {}", config.seed));
+    if let (false, Some(limit)) = (config.trains(count), config.train_up_to) {
+        cloud.notices.extend(untrained(args, &config, limit, common)?);
     }
+    let points = &cloud.points;
 
     let mut trained = {
         let hints = Hints { normals: cloud.normals.as_deref(), anisotropy: args.anisotropy };

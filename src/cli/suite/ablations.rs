@@ -133,7 +133,10 @@ pub fn changes(name: &str, base: &Config) -> Option<Changes> {
                 ("multiple", true) => set(&[("parameterization", &format!("multiple:{text}"))]),
                 ("patch", false) => set(&[("bsp.patch", &text)]),
                 ("k", false) => set(&[("bsp.neighbours", &text)]),
-                ("points", false) => Some(Changes { options: Vec::new(), points: Some(number) }),
+                // However many there are, they are trained on.
+                ("points", false) => {
+                    set(&[("train_up_to", "all")]).map(|c| Changes { points: Some(number), ..c })
+                }
                 _ => None,
             }
         }
@@ -172,7 +175,7 @@ mod tests {
                 let config = applied(name, preset);
                 config.validate().unwrap_or_else(|e| panic!("{name} of {preset}: {e}"));
                 // The presets have these values already.
-                let same = matches!(name, "patch_10" | "k_8") || name.starts_with("points_");
+                let same = matches!(name, "patch_10" | "k_8");
                 let surf = if base.weights.surf > 0.0 { "with_surf" } else { "without_surf" };
                 assert_eq!(config == base, same || name == surf, "{name} of {preset}");
             }

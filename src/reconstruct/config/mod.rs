@@ -88,7 +88,7 @@ pub struct Band {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Batch {
-    /// A cloud of more than `points` points is first thinned to one point in each cube of this side. The unit is the
+    /// A cloud of more than `points` points that is trained is first thinned to one point in each cube of this side. The unit is the
     /// distance between vertices of the finest grid in `stages`, before `reference_area` changes it. `None` (`off`)
     /// keeps all points. Default 0.25.
     pub thin: Option<f32>,

@@ -22,14 +22,15 @@ struct Entry {
     set: fn(&mut Config, &str) -> Result<(), String>,
 }
 
-/// Fields of the configuration under their paths, such as `field.width`. `or` gives the word for `None`.
+/// Fields of the configuration under their paths, such as `field.width`. `or` gives the word for `None`, for which 0 was
+/// written in earlier versions; `either` that of an option that is younger, of which 0 is no value.
 macro_rules! entries {
-    ($($first:ident $(.$rest:ident)* $(or $word:literal)?;)*) => {
+    ($($first:ident $(.$rest:ident)* $(or $word:literal)? $(either $strict:literal)?;)*) => {
         &[$(Entry {
             key: concat!(stringify!($first) $(, ".", stringify!($rest))*),
-            get: |c| entries!(@write c.$first$(.$rest)* $(, $word)?),
+            get: |c| entries!(@write c.$first$(.$rest)* $(, $word)? $(, $strict)?),
             set: |c, text| {
-                c.$first$(.$rest)* = entries!(@read text $(, $word)?);
+                c.$first$(.$rest)* = entries!(@read text $(, $word)? $(=> $strict)?);
                 Ok(())
             },
         }),*]
@@ -38,6 +39,7 @@ macro_rules! entries {
     (@write $field:expr, $word:literal) => { write_or(&$field, $word) };
     (@read $text:ident) => { Text::read($text)? };
     (@read $text:ident, $word:literal) => { read_or($text, $word)? };
+    (@read $text:ident => $word:literal) => { read_either($text, $word)? };
 }
 
 /// The value as text, or the word for none.
@@ -45,19 +47,23 @@ fn write_or<T: Text>(value: &Option<T>, word: &str) -> String {
     value.as_ref().map_or_else(|| word.to_string(), T::write)
 }
 
-/// The value of a text; none for the word, and for 0, which said the same in earlier versions.
-fn read_or<T: Text + Default + PartialEq>(text: &str, word: &str) -> Result<Option<T>, String> {
+/// The value of a text; none for the word.
+fn read_either<T: Text>(text: &str, word: &str) -> Result<Option<T>, String> {
     if text == word {
         return Ok(None);
     }
-    let value = T::read(text).map_err(|expected| format!("{expected} or {word}"))?;
-    Ok((value != T::default()).then_some(value))
+    T::read(text).map(Some).map_err(|expected| format!("{expected} or {word}"))
+}
+
+/// The value of a text; none for the word, and for 0, which said the same in earlier versions.
+fn read_or<T: Text + Default + PartialEq>(text: &str, word: &str) -> Result<Option<T>, String> {
+    Ok(read_either(text, word)?.filter(|value| *value != T::default()))
 }
 
 const FIRST: &[Entry] = entries! {
     seed;
     scale_with_points;
-    train_up_to or "all";
+    train_up_to either "all";
     denoise;
     field.width;
     field.depth;
@@ -370,7 +376,6 @@ mod tests {
     #[test]
     fn words_stand_for_none_and_so_does_zero() {
         for (key, word, some) in [
-            ("train_up_to", "all", "500"),
             ("field.skip", "none", "1"),
             ("bsp.reach", "all", "3"),
             ("bsp_every", "never", "4"),

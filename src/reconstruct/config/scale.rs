@@ -27,8 +27,8 @@ const LOCAL_REACH: usize = 16;
 impl Config {
     /// Adapts the options to a cloud of n points.
     ///
-    /// Beyond [`train_up_to`](Self::train_up_to) nothing is trained: there are no stages and there is no S. Where
-    /// training goes on beyond that, nothing else changes up to 2,048 points. Beyond, with s = n / 2048:
+    /// Beyond [`train_up_to`](Self::train_up_to) nothing is trained: there are no stages and there is no S. Otherwise
+    /// nothing changes up to 2,048 points; beyond, with s = n / 2048:
     ///
     /// | option | rule | because |
     /// |---|---|---|
@@ -49,7 +49,7 @@ impl Config {
         }
         let trains = self.trains(n);
         self.scale_with_points = false;
-        if !trains {
+        if !trains && !self.stages.is_empty() {
             self.stages.clear();
             self.parameterization = Parameterization::None;
             return self;
@@ -123,9 +123,10 @@ mod tests {
             let fixed = Config { scale_with_points: false, ..config };
             assert_eq!(fixed.clone().for_points(5000), fixed);
         }
-        // The result is that of the preset that trains nothing.
-        let start = Config::preset(Preset::Start).for_points(5000);
-        assert_eq!(Config::preset(Preset::Default).for_points(5000), start);
+        // Where there are no stages, nothing else is changed: S is what the map makes before any step.
+        let mut config = Config::preset(Preset::Default);
+        config.stages.clear();
+        assert_eq!(config.for_points(1500).parameterization, Parameterization::Bsp);
     }
 
     #[test]

@@ -208,6 +208,7 @@ mod tests {
             ("field_rate.base", "0"),
             ("bsp_rate.decay", "cosine:2"),
             ("min_component", "1.5"),
+            ("train_up_to", "0"),
             ("clip", "NaN"),
             ("parameterization", "multiple:1"),
         ] {
@@ -223,7 +224,6 @@ mod tests {
         (config.bsp.reach, config.bsp_every, config.surface_samples) = (Some(0), Some(0), Some(0));
         (config.reference_area, config.clip) = (Some(0.0), Some(0.0));
         (config.start.dipole_radius, config.batch.thin) = (Some(0.0), Some(0.0));
-        config.train_up_to = Some(0);
         for key in [
             "bsp.reach",
             "bsp_every",
@@ -231,7 +231,6 @@ mod tests {
             "reference_area",
             "batch.thin",
             "surface_samples",
-            "train_up_to",
             "clip",
         ] {
             let error = config.validate().unwrap_err();

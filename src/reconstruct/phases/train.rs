@@ -288,7 +288,7 @@ impl<'a> TrainStep<'a> {
             let depths = Tensor::from_vec(&[rows.bridges.len(), 1], state.bridges.depths.clone());
             (tape.slice_rows(all.sdf, rows.bridges.clone()), tape.constant(depths))
         });
-        let scene = TermInputs {
+        let inputs = TermInputs {
             verts: &band.verts,
             faces: &iso.faces,
             field: at_verts,
@@ -303,7 +303,7 @@ impl<'a> TrainStep<'a> {
             target: target(tape, &config.weights, config.target, surface, q),
             para,
         };
-        let (loss, terms) = add_terms(tape, &config.weights, progress, &scene);
+        let (loss, terms) = add_terms(tape, &config.weights, progress, &inputs);
         let none =
             || Error::new(ErrorKind::Config, "no term of the loss has a weight").at_element("option weights");
         Ok(Recorded { loss: loss.ok_or_else(none)?, field: all, map: bound, surface: live, terms })

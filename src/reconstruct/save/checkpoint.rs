@@ -63,20 +63,15 @@ impl Trainer {
         hints: &Hints<'_>,
     ) -> Result<Trainer, Error> {
         let path = path.as_ref();
-        let mut prepared = prepare(points, config, hints)?;
+        let prepared = prepare(points, config, hints)?;
         let store = Store::read(path)?;
         let resume = || -> Result<Trainer, Error> {
             let version = CHECKPOINT.check(&store)?;
             check_config(&saved_options::of_checkpoint(&store, version), &prepared.config)?;
             let cloud = store.get("cloud")?;
             if cloud != saved_cloud::fingerprint(&prepared.input) {
-                // Earlier versions rounded every cloud to 32 bits.
-                let rounded: Vec<[f32; 3]> = points.iter().map(|p| Position::of_wide(p.wide())).collect();
-                prepared = prepare(&rounded, config, hints)?;
-                if cloud != saved_cloud::fingerprint(&prepared.input) {
-                    return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
-                        .advise("resume with the points that the run was started with"));
-                }
+                return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
+                    .advise("resume with the points that the run was started with"));
             }
             let stretch = stretched(&prepared.frame);
             if store.get(STRETCH).ok() != stretch.as_deref() {

@@ -24,10 +24,7 @@ const ADDED_TO_RESULTS: &[Added] = &[
     Added { key: "finish", since: 3, before: "none" },
     Added { key: "train_up_to", since: 5, before: "all" },
 ];
-const ADDED_TO_CHECKPOINTS: &[Added] = &[
-    Added { key: "finish", since: 5, before: "none" },
-    Added { key: "train_up_to", since: 6, before: "all" },
-];
+const ADDED_TO_CHECKPOINTS: &[Added] = &[];
 
 /// Options that a result is read by: the shape of its network, how it is finished, and what its mesh is made by.
 fn is_needed(key: &str) -> bool {
