@@ -44,7 +44,8 @@ fn try_entries<'a>(entries: impl Iterator<Item = (&'a str, &'a str)>) {
         Err(error) => check_error(&error),
         Ok(()) => {
             assert!(again == config, "a valid configuration has no NaN");
-            let trained = Config { train_up_to: None, ..config.clone() };
+            let mut trained = config.clone();
+            trained.train_up_to = None;
             for (config, points) in [4, 3000, 1 << 24].into_iter().flat_map(|n| [(&config, n), (&trained, n)])
             {
                 let adapted = config.clone().for_points(points);
