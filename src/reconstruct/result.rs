@@ -254,8 +254,9 @@ impl Reconstruction {
     /// How well S covers the points that the training worked with (without their noise, and thinned if there are many),
     /// and its codes the sphere, in the working frame.
     ///
-    /// `None` without a parameterization or a training ([`Config::train_up_to`]), and for a result that was loaded from a file: its field is all that there is
-    /// of the training. A checkpoint has the state that this follows from; resume it and finish.
+    /// `None` without a parameterization or a training ([`Config::train_up_to`]), and for a result that was loaded from
+    /// a file: its field is all that there is of the training. A checkpoint has the state that this follows from; resume
+    /// it and finish.
     pub fn coverage(&self) -> Option<&Coverage> {
         self.coverage.as_ref()
     }

@@ -88,9 +88,9 @@ pub struct Band {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Batch {
-    /// A cloud of more than `points` points that is trained is first thinned to one point in each cube of this side. The unit is the
-    /// distance between vertices of the finest grid in `stages`, before `reference_area` changes it. `None` (`off`)
-    /// keeps all points. Default 0.25.
+    /// A cloud of more than `points` points that is trained is first thinned to one point in each cube of this side.
+    /// The unit is the distance between vertices of the finest grid in `stages`, before `reference_area` changes it.
+    /// `None` (`off`) keeps all points. Default 0.25.
     pub thin: Option<f32>,
     /// Points of the cloud in a step, at most: consecutive parts of one fixed random permutation. Default 4096.
     pub points: usize,

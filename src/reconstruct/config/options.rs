@@ -22,8 +22,8 @@ struct Entry {
     set: fn(&mut Config, &str) -> Result<(), String>,
 }
 
-/// Fields of the configuration under their paths, such as `field.width`. `or` gives the word for `None`, for which 0 was
-/// written in earlier versions; `either` that of an option that is younger, of which 0 is no value.
+/// Fields of the configuration under their paths, such as `field.width`. `or` gives the word for `None`, for which 0
+/// was written in earlier versions; `either` that of an option that is younger, of which 0 is no value.
 macro_rules! entries {
     ($($first:ident $(.$rest:ident)* $(or $word:literal)? $(either $strict:literal)?;)*) => {
         &[$(Entry {
