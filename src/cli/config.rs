@@ -18,7 +18,10 @@ pub struct ConfigArgs {
 /// Prints a configuration as TOML.
 pub fn run(args: &ConfigArgs) -> Result<(), Failure> {
     let (config, preset) = args.settings.build()?;
-    print(format!("# Preset `{preset}`. Delete what you do not change.\n{}", to_toml(&config)))
+    print(format!(
+        "# Delete what you do not change, but not the preset: what is left out is as there.\npreset = \"{preset}\"\n{}",
+        to_toml(&config)
+    ))
 }
 
 /// Prints the names of the presets and what they do.

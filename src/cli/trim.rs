@@ -59,10 +59,11 @@ impl TrimArgs {
         if mesh.faces.is_empty() {
             return Err(Failure::from(nothing_left(factor)));
         }
-        common.note(&format!(
-            "cut away {:.1} % of the area: the mesh is open where no point is near",
-            100.0 * removed
-        ));
+        common.note(&if removed > 0.0 {
+            format!("cut away {:.1} % of the area: the mesh is open where no point is near", 100.0 * removed)
+        } else {
+            "cut nothing away: points are near everywhere".to_string()
+        });
         Ok(Part { mesh, cut: Some((factor, removed)), support: self.support.then_some(gap) })
     }
 }

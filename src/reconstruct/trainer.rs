@@ -228,7 +228,7 @@ impl Trainer {
         rayon::scope(|_| coded::coded(&self.setup, &self.state))
     }
 
-    /// The result so far.
+    /// The result so far: the field, or the first shape itself before the first step of the training proper.
     pub fn finish(self) -> Reconstruction {
         rayon::scope(|_| self.finish_in_pool())
     }
@@ -237,8 +237,10 @@ impl Trainer {
         let Trainer { setup, state, .. } = self;
         let parameterized = coded::parameterized(&setup, &state);
         let turned = setup.shape.as_ref().is_some_and(|shape| shape.turned);
+        // Before the first step of the training proper the field is at best on its way to the first shape.
+        let trained = matches!(setup.config.phase_at(state.step), (Phase::Train, within) if within > 0);
         let found = match setup.shape {
-            Some(shape) if setup.config.stages.is_empty() => FoundShape::new(shape.mesh).ok(),
+            Some(shape) if !trained => FoundShape::new(shape.mesh).ok(),
             _ => None,
         };
         let shape = found.map_or(FinalShape::Learned(state.field), FinalShape::Found);

@@ -157,11 +157,15 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let outputs = Outputs::of(args)?;
     if args.surface_points.is_some() && config.parameterization == Parameterization::None {
         return Err(Failure::Usage(
-            "--surface-points needs an S, which parameterization=none has not".into(),
+            "--surface-points needs an S, which neither the preset start nor parameterization=none has"
+                .into(),
         ));
     }
     if args.codes.is_some() && config.parameterization != Parameterization::Bsp {
-        return Err(Failure::Usage("--codes needs codes, which only parameterization=bsp has".into()));
+        return Err(Failure::Usage(
+            "--codes needs codes, which only presets and options with parameterization=bsp have, not start"
+                .into(),
+        ));
     }
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;

@@ -254,6 +254,17 @@ fn a_step_that_is_given_up_has_not_begun() {
     assert!(bits(&trainer.finish()) == straight);
 }
 
+#[test]
+fn what_is_stopped_before_the_training_is_the_first_shape() {
+    let points = ball(70);
+    let first = run(&points, &Config::preset(Preset::Start)).mesh(24).unwrap();
+    let mut trainer = Trainer::new(&points, &Config::preset(Preset::Fast)).unwrap();
+    for _ in 0..3 {
+        trainer.step().unwrap();
+    }
+    assert!(trainer.finish().mesh(24).unwrap() == first);
+}
+
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig::with_cases(6))]
 
