@@ -65,7 +65,8 @@ fn wrong_usage_is_told_before_any_work() {
 fn configuration_files_hold_tables_or_dotted_keys_and_nothing_unknown() {
     let dir = Dir::new("config");
     let presets = out(&run(program().arg("presets"), 0));
-    assert_eq!(presets.lines().count(), 5);
+    assert_eq!(presets.lines().count(), 6);
+    assert!(presets.ends_with("--set train_up_to=all trains.\n"), "{presets}");
     for preset in ["start", "paper", "fast", "default", "fine"] {
         assert!(presets.contains(preset));
         let text = out(&run(program().args(["config", "--preset", preset]), 0));
