@@ -255,8 +255,8 @@ impl Reconstruction {
     /// and its codes the sphere, in the working frame.
     ///
     /// `None` without a parameterization or a training ([`Config::train_up_to`]), and for a result that was loaded from
-    /// a file: its field is all that there is of the training. A checkpoint has the state that this follows from; resume
-    /// it and finish.
+    /// a file: its field is all that there is of the training. A checkpoint has the state that this follows from;
+    /// resume it and finish.
     pub fn coverage(&self) -> Option<&Coverage> {
         self.coverage.as_ref()
     }
