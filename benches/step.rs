@@ -4,7 +4,7 @@ mod common;
 
 use bijective_sdf::autodiff::Tape;
 use bijective_sdf::bsp::{Bsp, BspConfig, Neighbourhood};
-use bijective_sdf::field::{Field, FieldConfig, FieldPass, FieldValues, FieldVars};
+use bijective_sdf::field::{Field, FieldConfig, FieldMemory};
 use bijective_sdf::gdo::{Deformation, deform};
 use bijective_sdf::loss::{Direction, mean_abs};
 use bijective_sdf::optim::{Adam, AdamOptions};
@@ -20,27 +20,22 @@ fn field(c: &mut Criterion) {
         (config.width, config.depth, config.frequency) = (width, depth, 1.0);
         let field = Field::new(config, &mut rng(1));
         let verts = sphere(v, 0.4, 0.01, 2);
-        let (mut pass, mut tape) = (FieldPass::new(), Tape::new());
+        let (memory, mut tape) = (FieldMemory::default(), Tape::new());
         c.bench_function(&format!("field {width}x{depth} @ {v}"), |bench| {
             bench.iter(|| {
                 tape.clear();
-                let values = pass.forward(&field, &verts, tape.pool());
-                let (sdf, gradient) = (tape.input(values.sdf), tape.input(values.gradient));
-                let vars = FieldVars { sdf, gradient, offset: None };
+                let parameters = tape.input(field.params().flat());
+                let vars = field.fused(&mut tape, parameters, &verts, &memory);
                 let positions = tape.constant(Tensor::from_points(&verts));
                 let moved = deform(&mut tape, Deformation::Projection, positions, &vars);
                 let moved_sq = tape.square(moved);
                 let length_sq = tape.sum_cols(moved_sq);
                 let length_sq = tape.mean(length_sq);
-                let magnitude = mean_abs(&mut tape, sdf);
+                let magnitude = mean_abs(&mut tape, vars.sdf);
                 let magnitude = tape.scale(magnitude, 0.01);
                 let loss = tape.add(length_sq, magnitude);
                 let mut gradients = tape.backward(loss);
-                let mut at = |var| gradients.take(var).expect("the loss depends on it");
-                let d = FieldValues { sdf: at(sdf), gradient: at(gradient), offset: None };
-                let of_weights = pass.backward(&field, &d);
-                pass.release();
-                of_weights
+                gradients.take(parameters)
             });
         });
     }

@@ -1,6 +1,6 @@
 //! The signed distance field g: a multilayer perceptron over a Fourier encoding, and its spatial gradient written
-//! with ordinary tape operations. Training takes the same arithmetic from [`FieldPass`](super::FieldPass), which needs
-//! no tape; what is here is for losses of one's own, and what that pass is tested against.
+//! with ordinary tape operations. Training takes the same arithmetic as one operation, [`Field::fused`]; what is here
+//! is what that is tested against.
 //!
 //! The losses depend on grad g, so training needs second derivatives. One reverse sweep through the layers (multiply
 //! by the activation's slope, then by the transposed weight) puts grad g on the tape; pulling back through that is
@@ -128,6 +128,20 @@ impl Field {
     /// Its parameters, to be changed.
     pub fn params_mut(&mut self) -> &mut Params {
         &mut self.params
+    }
+
+    /// The same network with other parameters, all of them in one row as [`Params::flat`] puts them.
+    ///
+    /// # Panics
+    /// If there are not as many.
+    #[track_caller]
+    pub(super) fn with_parameters(&self, flat: &[f32]) -> Field {
+        Field { params: self.params.with_flat(flat), ..self.clone() }
+    }
+
+    /// Columns of all values at a point: g and grad g, and the displacement if there is one.
+    pub(crate) fn value_cols(&self) -> usize {
+        if self.offset { 7 } else { 4 }
     }
 
     /// Makes g smaller by `by` everywhere, in units of the working frame.

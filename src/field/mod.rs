@@ -1,8 +1,9 @@
-//! The signed distance field g, a network, and the fused pass that training takes its values and gradients from.
+//! The signed distance field g, a network; as tape operations, and fused into one operation for training.
 
 mod config;
 #[allow(clippy::module_inception)]
 mod field;
+mod fused;
 mod network;
 mod pass;
 mod rows;
@@ -11,4 +12,5 @@ mod values;
 pub(crate) use config::octave_factor;
 pub use config::{Activation, FieldConfig};
 pub use field::{Field, FieldVars};
-pub use pass::{FieldPass, FieldValues};
+pub use fused::FieldMemory;
+pub(crate) use pass::FieldPass;

@@ -46,27 +46,6 @@ fn product(out: &mut [f32], cols: usize, left: &[f32], from: usize, weights: &Pa
     gemm_panels_serial(out, cols, Base::Zero, mat(left, left.len() / from.max(1), from), weights);
 }
 
-/// The values of a block of n points, or the loss gradients there.
-pub(super) struct Outputs<'a> {
-    /// g, n.
-    pub sdf: &'a mut [f32],
-    /// grad g, n x 3.
-    pub gradient: &'a mut [f32],
-    /// The displacement, n x 3, if the field has one.
-    pub offset: Option<&'a mut [f32]>,
-}
-
-/// The loss gradients at the values of a block.
-#[derive(Clone, Copy)]
-pub(super) struct Seeds<'a> {
-    /// At g, n.
-    pub sdf: &'a [f32],
-    /// At grad g, n x 3.
-    pub gradient: &'a [f32],
-    /// At the displacement, n x 3; none is zeros.
-    pub offset: Option<&'a [f32]>,
-}
-
 /// The hidden layers' weights as the products want them.
 #[derive(Default)]
 pub(super) struct PackedWeights {
@@ -159,6 +138,7 @@ fn places(field: &Field, l: usize) -> (Range<usize>, Range<usize>) {
     (weight.clone(), weight.end..start + len(l))
 }
 
+#[cfg(test)]
 impl Scratch {
     /// Bytes held.
     pub(super) fn memory(&self) -> usize {
@@ -167,12 +147,14 @@ impl Scratch {
     }
 }
 
+#[cfg(test)]
 fn bytes_of<'a>(buffers: impl Iterator<Item = &'a Vec<f32>>) -> usize {
     buffers.map(Vec::capacity).sum::<usize>() * size_of::<f32>()
 }
 
 impl Block {
     /// Bytes held.
+    #[cfg(test)]
     pub(super) fn memory(&self) -> usize {
         let hidden = self.hidden.iter().flat_map(|h| [&h.out, &h.slope, &h.adjoint]);
         bytes_of([&self.encoding, &self.joined].into_iter().chain(hidden))
@@ -262,13 +244,14 @@ impl Block {
         copy_columns(out, 1, &scratch.outputs, outputs, 0, 1.0);
     }
 
-    /// What the backward pass needs at n points (working frame), and all values there if asked for.
+    /// What the backward pass needs at n points (working frame), and all values there if asked for: n x 4, g and
+    /// grad g, or n x 7 with the displacement after them.
     pub(super) fn forward(
         &mut self,
         network: Network<'_>,
         points: &[[f32; 3]],
         scratch: &mut Scratch,
-        values: Option<&mut Outputs<'_>>,
+        values: Option<&mut [f32]>,
     ) {
         self.layers(network, points, scratch);
         let Network { field, weights } = network;
@@ -308,13 +291,13 @@ impl Block {
             }
         }
         let Some(values) = values else { return };
-        copy_columns(values.sdf, 1, &scratch.outputs, outputs, 0, 1.0);
-        if let Some(offset) = &mut values.offset {
-            copy_columns(offset, 3, &scratch.outputs, outputs, 1, 1.0);
-        }
-        // Through the encoding: d sin(fx) = f cos(fx), d cos(fx) = -f sin(fx).
         let rows = at_encoding.chunks_exact(e).zip(self.encoding.chunks_exact(e));
-        for (out, (row, encoding)) in values.gradient.chunks_exact_mut(3).zip(rows) {
+        let rows = rows.zip(scratch.outputs.chunks_exact(outputs));
+        for (out, ((row, encoding), outputs)) in values.chunks_exact_mut(field.value_cols()).zip(rows) {
+            out[0] = outputs[0];
+            out[4..].copy_from_slice(&outputs[1..]);
+            // Through the encoding: d sin(fx) = f cos(fx), d cos(fx) = -f sin(fx).
+            let out = &mut out[1..4];
             out.copy_from_slice(&row[..3]);
             let waves = row[3..].chunks_exact(6).zip(encoding[3..].chunks_exact(6));
             for (f, (row, wave)) in config.frequencies().zip(waves) {
@@ -325,13 +308,13 @@ impl Block {
         }
     }
 
-    /// Writes the parameters' gradients from those at the values of the last forward pass to `total`, which holds
-    /// weight and bias of layer after layer. Can be called once for each forward pass.
+    /// Writes the parameters' gradients to `total`, which holds weight and bias of layer after layer, from the loss
+    /// gradients at the values of the last forward pass, in rows like theirs. Can be called once for each forward pass.
     pub(super) fn backward(
         &mut self,
         network: Network<'_>,
         scratch: &mut Scratch,
-        seeds: Seeds<'_>,
+        seeds: &[f32],
         total: &mut [f32],
     ) {
         let Network { field, weights } = network;
@@ -344,7 +327,8 @@ impl Block {
         // Back through the adjoint sweep, from the encoding up.
         let at_encoding = room(&mut scratch.encoding, n * e);
         let rows = at_encoding.chunks_exact_mut(e).zip(self.encoding.chunks_exact(e));
-        for (g, (row, encoding)) in seeds.gradient.chunks_exact(3).zip(rows) {
+        for (seed, (row, encoding)) in seeds.chunks_exact(field.value_cols()).zip(rows) {
+            let g = &seed[1..4];
             row[..3].copy_from_slice(g);
             let waves = row[3..].chunks_exact_mut(6).zip(encoding[3..].chunks_exact(6));
             for (f, (row, wave)) in config.frequencies().zip(waves) {
@@ -391,12 +375,9 @@ impl Block {
 
         // Back through the layers, from the outputs down.
         let at_outputs = room(&mut scratch.outputs, n * outputs);
-        for (i, row) in at_outputs.chunks_exact_mut(outputs).enumerate() {
-            row[0] = seeds.sdf[i];
-            match seeds.offset {
-                Some(offset) => row[1..].copy_from_slice(&offset[3 * i..3 * i + 3]),
-                None => row[1..].fill(0.0),
-            }
+        for (row, seed) in at_outputs.chunks_exact_mut(outputs).zip(seeds.chunks_exact(field.value_cols())) {
+            row[0] = seed[0];
+            row[1..].copy_from_slice(&seed[4..]);
         }
         total[db.clone()].fill(0.0);
         add_row_sums(&mut total[db], at_outputs);

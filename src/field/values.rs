@@ -1,7 +1,7 @@
 //! The field at many points without gradients for its parameters.
 
 use super::Field;
-use super::network::{Block, Network, Outputs, PackedWeights, Scratch};
+use super::network::{Block, Network, PackedWeights, Scratch};
 use rayon::prelude::*;
 
 /// Values of a layer's output that a block has.
@@ -45,10 +45,16 @@ impl Field {
         let tasks = sdf.par_chunks_mut(task).zip(gradient.par_chunks_mut(task)).zip(points.par_chunks(task));
         tasks.for_each(|((sdf, gradient), points)| {
             let (mut block, mut scratch) = <(Block, Scratch)>::default();
+            let cols = self.value_cols();
+            let mut values = vec![0.0; rows.min(points.len()) * cols];
             let parts = sdf.chunks_mut(rows).zip(gradient.chunks_mut(rows)).zip(points.chunks(rows));
             for ((sdf, gradient), points) in parts {
-                let mut values = Outputs { sdf, gradient: gradient.as_flattened_mut(), offset: None };
-                block.forward(network, points, &mut scratch, Some(&mut values));
+                let values = &mut values[..points.len() * cols];
+                block.forward(network, points, &mut scratch, Some(values));
+                for ((s, g), value) in sdf.iter_mut().zip(gradient).zip(values.chunks_exact(cols)) {
+                    *s = value[0];
+                    g.copy_from_slice(&value[1..4]);
+                }
             }
         });
         (sdf, gradient)

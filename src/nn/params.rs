@@ -104,6 +104,37 @@ impl Params {
         &mut self.values
     }
 
+    /// All values in one row, 1 x P: one parameter after the other, each row by row.
+    pub fn flat(&self) -> Tensor {
+        let all: Vec<f32> = self.values.iter().flat_map(|value| value.data()).copied().collect();
+        Tensor::from_vec(&[1, all.len()], all)
+    }
+
+    /// Parameters of the same names and shapes with other values, P of them in one row.
+    ///
+    /// # Panics
+    /// If there are not P.
+    #[track_caller]
+    pub fn with_flat(&self, flat: &[f32]) -> Params {
+        Params { names: self.names.clone(), values: self.split(flat).into_iter().map(Arc::new).collect() }
+    }
+
+    /// A row of P values, such as the gradient at [`flat`](Self::flat), as tensors in the shapes of the parameters.
+    ///
+    /// # Panics
+    /// If there are not P.
+    #[track_caller]
+    pub fn split(&self, flat: &[f32]) -> Vec<Tensor> {
+        assert!(flat.len() == self.scalars(), "params: {} values for {}", flat.len(), self.scalars());
+        let mut rest = flat;
+        let mut take = |like: &Arc<Tensor>| {
+            let (values, after) = rest.split_at(like.len());
+            rest = after;
+            Tensor::from_vec(like.dims(), values.to_vec())
+        };
+        self.values.iter().map(&mut take).collect()
+    }
+
     /// Puts all parameters on a tape, without copying; with `trainable` they ask for gradients.
     pub fn bind(&self, tape: &mut Tape, trainable: bool) -> Bound {
         self.bind_where(tape, |_| trainable)
@@ -176,6 +207,17 @@ mod tests {
         assert_eq!(params.names().collect::<Vec<_>>(), ["field.layer3.weight", "field.bias"]);
         assert_eq!((a.index(), params.id("field.bias")), (0, Some(b)));
         assert_eq!((params.len(), params.scalars(), params.name(b)), (2, 9, "field.bias"));
+    }
+
+    #[test]
+    fn one_row_and_back() {
+        let mut params = Params::new();
+        let a = params.add("a", Tensor::from_vec(&[2, 2], vec![1.0, 2.0, 3.0, 4.0]));
+        let b = params.add("b", Tensor::scalar(5.0));
+        assert_eq!(params.flat(), Tensor::from_vec(&[1, 5], vec![1.0, 2.0, 3.0, 4.0, 5.0]));
+        let other = params.with_flat(&[5.0, 4.0, 3.0, 2.0, 1.0]);
+        assert_eq!(other.value(a), &Tensor::from_vec(&[2, 2], vec![5.0, 4.0, 3.0, 2.0]));
+        assert_eq!((other.value(b).item(), other.name(b)), (1.0, "b"));
     }
 
     #[test]

@@ -1,4 +1,4 @@
-//! Moving rows by index: gather, its transpose scatter-add, and repetition.
+//! Rows by index: gather, its transpose scatter-add, repetition, and a least value for some.
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::tensor::{Tensor, gather_rows, scatter_add_rows};
@@ -60,7 +60,47 @@ impl Op<1> for RepeatRows {
     }
 }
 
+/// max(x, least) in some rows, x in the others.
+struct RaiseRows {
+    index: Vec<u32>,
+    least: f32,
+}
+
+impl Op<1> for RaiseRows {
+    type Saved = ();
+    fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
+        let mut y = x.clone();
+        let c = x.cols();
+        for &i in &self.index {
+            let row = &mut y.data_mut()[i as usize * c..][..c];
+            // Written so that NaN stays NaN.
+            row.iter_mut().filter(|x| **x < self.least).for_each(|x| *x = self.least);
+        }
+        (y, ())
+    }
+    fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
+        let mut dx = dy.clone();
+        let c = dy.cols();
+        for &i in &self.index {
+            let row = dx.data_mut()[i as usize * c..][..c].iter_mut();
+            row.zip(at.x[0].row(i as usize)).filter(|(_, x)| **x < self.least).for_each(|(d, _)| *d = 0.0);
+        }
+        [Some(dx)]
+    }
+}
+
 impl Tape {
+    /// max(x, `least`) in the rows that `index` names, x in the others: n x c to the same.
+    ///
+    /// Gradient: 0 where a value was raised.
+    ///
+    /// # Panics
+    /// If an index is n or more.
+    #[track_caller]
+    pub fn raise_rows(&mut self, x: Var, index: Vec<u32>, least: f32) -> Var {
+        self.apply(RaiseRows { index, least }, [x])
+    }
+
     /// Row i of the result is row `index[i]` of `x`: n x c to m x c.
     ///
     /// # Panics
@@ -104,7 +144,9 @@ impl Tape {
 
 #[cfg(test)]
 mod tests {
+    use crate::autodiff::Tape;
     use crate::ops::testing::{check, normal};
+    use crate::tensor::Tensor;
     use proptest::prelude::*;
 
     proptest! {
@@ -118,7 +160,25 @@ mod tests {
             let corners = [2, 3, 5].map(|s| (index.clone(), normal(&[index.len(), 1], seed ^ s).data().to_vec()));
             check(|t, x| t.blend_rows(x[0], corners.clone()), std::slice::from_ref(&x), seed);
             check(|t, x| t.scatter_add_rows(x[0], index.clone(), n), &[rows], seed);
-            check(|t, x| t.repeat_rows(x[0], k), &[x], seed);
+            check(|t, x| t.repeat_rows(x[0], k), std::slice::from_ref(&x), seed);
+            check(|t, x| t.raise_rows(x[0], index.clone(), 0.3), &[x], seed);
+        }
+
+        #[test]
+        fn only_named_rows_are_raised(n in 0usize..12, c in 0usize..4, which: u16, seed: u64) {
+            let x = normal(&[n, c], seed);
+            let index: Vec<u32> = (0..n as u32).filter(|i| which >> i & 1 == 1).collect();
+            let mut t = Tape::new();
+            let var = t.input(x.clone());
+            let y = t.raise_rows(var, index.clone(), 0.3);
+            let gradients = t.pull([(y, Tensor::full(&[n, c], 1.0))]);
+            for i in 0..n {
+                for (j, &x) in x.row(i).iter().enumerate() {
+                    let raised = index.contains(&(i as u32)) && x < 0.3;
+                    let found = (t.value(y).row(i)[j], gradients.get(var).unwrap().row(i)[j]);
+                    prop_assert_eq!(found, if raised { (0.3, 0.0) } else { (x, 1.0) });
+                }
+            }
         }
     }
 }

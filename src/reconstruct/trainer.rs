@@ -142,7 +142,7 @@ impl Trainer {
         let Trainer { setup, state, band, work, .. } = self;
         let update = match (phase, &setup.shape, &state.map) {
             (Phase::Start, Some(shape), _) => {
-                start::step(&setup.config, shape, state, &mut work.pass, rate_factor)?
+                start::step(&setup.config, shape, state, &work.memory, rate_factor)?
             }
             (Phase::Pretrain, _, Some(map)) => pretrain::step(setup, map, step, &mut work.tape, rate_factor)?,
             _ => {

@@ -2,7 +2,7 @@
 
 use super::USUAL_AREA;
 use crate::error::Error;
-use crate::field::{Field, FieldPass, FieldValues};
+use crate::field::{Field, FieldPass};
 use crate::geometry::{TriangleBvh, TriangleMesh, sample_surface};
 use crate::tensor::Tensor;
 use rand::rngs::ChaCha8Rng;
@@ -89,23 +89,24 @@ impl ShapeFit {
         let points = &self.points[batch * BATCH..][..BATCH];
         let targets = self.targets[batch].get_or_init(|| Targets::at(points, &self.tree));
 
-        let FieldValues { sdf, gradient, .. } = pass.forward(field, points, &Default::default());
+        let cols = field.value_cols();
+        let mut values = vec![0.0; BATCH * cols];
+        pass.forward(field, points, &mut values);
         let n = BATCH as f32;
-        let mut d_sdf = Tensor::zeros(sdf.dims());
-        let mut off = 0.0f64;
-        for ((out, g), d) in d_sdf.data_mut().iter_mut().zip(sdf.data()).zip(&targets.distances) {
-            off += f64::from((g - d).abs());
-            *out = (g - d).signum() / n;
+        let mut seeds = vec![0.0; values.len()];
+        let (mut off, mut bent) = (0.0f64, 0.0f64);
+        let wanted = targets.distances.iter().zip(&targets.normals);
+        for ((out, value), (d, normal)) in
+            seeds.chunks_exact_mut(cols).zip(values.chunks_exact(cols)).zip(wanted)
+        {
+            off += f64::from((value[0] - d).abs());
+            out[0] = (value[0] - d).signum() / n;
+            for ((out, g), t) in out[1..4].iter_mut().zip(&value[1..4]).zip(normal) {
+                bent += f64::from((g - t) * (g - t));
+                *out = 2.0 * NORMAL_WEIGHT * (g - t) / n;
+            }
         }
-        let mut d_gradient = Tensor::zeros(gradient.dims());
-        let mut bent = 0.0f64;
-        let normals = targets.normals.as_flattened();
-        for ((out, g), t) in d_gradient.data_mut().iter_mut().zip(gradient.data()).zip(normals) {
-            bent += f64::from((g - t) * (g - t));
-            *out = 2.0 * NORMAL_WEIGHT * (g - t) / n;
-        }
-        let d = FieldValues { sdf: d_sdf, gradient: d_gradient, offset: None };
-        let gradients = pass.backward(field, &d);
+        let gradients = field.params().split(&pass.backward(&seeds)).into_iter().map(Some).collect();
         pass.release();
         ShapeFitStep { loss: ((off + f64::from(NORMAL_WEIGHT) * bent) / f64::from(n)) as f32, gradients }
     }
@@ -143,7 +144,7 @@ mod tests {
         let mesh = gauss_shape(&torus.sample(250, 2).0, None, 0.5, 0.05, 0).unwrap();
         let fit = ShapeFit::new(&mesh, 0).unwrap();
         let (mut pass, mut adam) =
-            (FieldPass::new(), Adam::new(field.params().values(), AdamOptions::default()));
+            (FieldPass::default(), Adam::new(field.params().values(), AdamOptions::default()));
         let mut last = f32::NAN;
         for i in 0..150 {
             let step = fit.step(&field, &mut pass, i);
@@ -170,7 +171,8 @@ mod tests {
         };
         let field = Field::new(config, &mut Random::new(1));
         let fit = ShapeFit::new(&mesh, 7).unwrap();
-        let loss = |fit: &ShapeFit, step: usize| fit.step(&field, &mut FieldPass::new(), step).loss.to_bits();
+        let loss =
+            |fit: &ShapeFit, step: usize| fit.step(&field, &mut FieldPass::default(), step).loss.to_bits();
         let all: Vec<u32> = (0..12).map(|i| loss(&fit, i)).collect();
         assert!(all[0] == all[10] && all[1] == all[11] && all[0] != all[1]);
         assert_eq!(loss(&mut ShapeFit::new(&mesh, 7).unwrap(), 6), all[6]);

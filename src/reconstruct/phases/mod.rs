@@ -13,7 +13,7 @@ pub use report::StepReport;
 
 use crate::autodiff::Tape;
 use crate::error::{Error, ErrorKind};
-use crate::field::FieldPass;
+use crate::field::FieldMemory;
 use crate::geometry::{Isosurface, TriangleBvh};
 use crate::optim::gradient_norm;
 use crate::tensor::Tensor;
@@ -39,7 +39,8 @@ pub(super) struct Update {
 #[derive(Default)]
 pub(super) struct Workspace {
     pub tape: Tape,
-    pub pass: FieldPass,
+    /// For passes over the field.
+    pub memory: FieldMemory,
     /// The extracted surface.
     pub iso: Isosurface,
     /// The search tree over the faces of the extracted surface, rebuilt in each step that needs it.
@@ -54,7 +55,6 @@ impl Workspace {
     /// Lets go of the parameters that the last step has put on the tape: they would be copied when they change.
     pub fn clear(&mut self) {
         self.tape.clear();
-        self.pass.release();
     }
 }
 

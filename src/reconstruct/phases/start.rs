@@ -2,7 +2,7 @@
 
 use super::{ParamGradients, StepReport, Update, check_gradients, diverged};
 use crate::error::Error;
-use crate::field::FieldPass;
+use crate::field::FieldMemory;
 use crate::optim::{Schedule, gradient_norm};
 use crate::reconstruct::first_shape::FirstShape;
 use crate::reconstruct::state::State;
@@ -19,10 +19,10 @@ pub(in crate::reconstruct) fn step(
     config: &Config,
     shape: &FirstShape,
     state: &State,
-    pass: &mut FieldPass,
+    memory: &FieldMemory,
     rate_factor: f32,
 ) -> Result<Update, Error> {
-    let fit = shape.fit.step(&state.field, pass, state.step);
+    let fit = shape.fit.step(&state.field, &mut memory.lend(), state.step);
     let gradients: ParamGradients = fit.gradients;
     let gradient_norm = gradient_norm(&gradients);
     if !fit.loss.is_finite() {

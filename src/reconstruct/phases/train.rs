@@ -8,9 +8,9 @@ use super::{
 use crate::autodiff::{Tape, Var};
 use crate::bsp::SurfaceMap;
 use crate::error::{Error, ErrorKind};
-use crate::field::{FieldPass, FieldValues, FieldVars};
+use crate::field::{FieldMemory, FieldVars};
 use crate::gdo::{FaceSamples, deform};
-use crate::geometry::{Isosurface, TetGrid, TriangleBvh, median};
+use crate::geometry::{TetGrid, TriangleBvh, median};
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
 use crate::random::Random;
@@ -21,7 +21,6 @@ use crate::reconstruct::setup::Setup;
 use crate::reconstruct::shape_samples::BlockSamples;
 use crate::reconstruct::state::{State, fresh_adam};
 use crate::tensor::Tensor;
-use std::ops::Range;
 
 /// Prepares a state for the first step of the training; doing it again changes nothing.
 ///
@@ -69,13 +68,14 @@ pub(in crate::reconstruct) fn step(
     stop: Stop<'_>,
 ) -> Result<Update, Error> {
     let seen = at.seen();
+    work.tape.clear();
     go_on(stop)?;
     let sampled = at.sample_field(&seen, work)?;
-    at.march(&sampled, &mut work.iso)?;
+    at.march(&sampled, work)?;
     go_on(stop)?;
     let recorded = at.record(&sampled, &seen, work)?;
     go_on(stop)?;
-    let (mut field, map) = at.pull_back(&recorded, &sampled, work);
+    let (mut field, map) = at.gradients(&recorded, &sampled, &work.tape);
     let config = &at.setup.config;
     let gradient_norm = match config.clip {
         None => gradient_norm(&field),
@@ -130,31 +130,23 @@ pub(in crate::reconstruct) struct Seen {
     pub block: Option<usize>,
 }
 
-/// Values of the field at all places that a step evaluates it at.
+/// The field on the tape of a step, at all places where the step evaluates it.
 pub(in crate::reconstruct) struct Sampled {
-    /// g and grad g, a row a place.
-    pub values: FieldValues,
-    /// Which rows are vertices, points and bridges.
-    rows: Rows,
-    /// Rows of vertices on the border of the grid, whose values were raised.
-    raised: Vec<u32>,
+    /// All parameters of the field in one row, 1 x P.
+    parameters: Var,
+    /// grad g at all places.
+    gradient: Var,
+    /// At the active vertices; g is raised on the border of the grid, so that the surface ends before it.
+    pub at_verts: FieldVars,
+    /// g at the seen points of the cloud, q x 1, if a term asks for it.
+    pub at_points: Option<Var>,
+    /// g at the points of bridges, if there are any.
+    pub at_bridges: Option<Var>,
 }
 
-/// The rows of a step's field values: vertices, then points of the cloud, then bridges.
-struct Rows {
-    /// The active vertices.
-    verts: Range<usize>,
-    /// The seen points of the cloud; empty if no term asks for them.
-    points: Range<usize>,
-    /// The points of bridges.
-    bridges: Range<usize>,
-}
-
-/// A step on the tape.
+/// The loss of a step on its tape, and what it was made from.
 pub(in crate::reconstruct) struct Recorded {
     pub loss: Var,
-    /// The field's values, which the gradients of the loss are taken at.
-    field: FieldVars,
     /// The parameters of the parameterization, in steps that train it.
     map: Option<Bound>,
     /// The trained block's part of S.
@@ -183,10 +175,13 @@ impl<'a> TrainStep<'a> {
         Seen { points: rows.iter().map(|&i| working[i as usize]).collect(), rows, block }
     }
 
-    /// Evaluates the field at the active vertices, the seen points and the bridges, as far as terms need them.
+    /// Puts the field on the tape: at the active vertices, the seen points and the bridges, as far as terms need them.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Diverged`] if a value is not finite.
     pub fn sample_field(&self, seen: &Seen, work: &mut Workspace) -> Result<Sampled, Error> {
-        let (band, weights) = (self.band, &self.setup.config.weights);
-        work.tape.clear();
+        let (band, weights, field) = (self.band, &self.setup.config.weights, &self.state.field);
+        let Workspace { tape, memory, .. } = work;
         let mut places = band.verts.clone();
         let verts = 0..places.len();
         if weights.on_points > 0.0 || weights.eikonal > 0.0 {
@@ -194,36 +189,48 @@ impl<'a> TrainStep<'a> {
         }
         let points = verts.end..places.len();
         places.extend_from_slice(&self.state.bridges.points);
-        let rows = Rows { verts, bridges: points.end..places.len(), points };
-        let mut values = work.pass.forward(&self.state.field, &places, work.tape.pool());
-        let finite = values.sdf.is_finite() && values.gradient.is_finite();
-        if !finite || values.offset.as_ref().is_some_and(|o| !o.is_finite()) {
+        let bridges = points.end..places.len();
+
+        let parameters = tape.input(field.params().flat());
+        let all = field.fused(tape, parameters, &places, memory);
+        let finite = [Some(all.sdf), Some(all.gradient), all.offset];
+        if finite.into_iter().flatten().any(|var| !tape.value(var).is_finite()) {
             return Err(diverged("the field is not finite"));
         }
-        let sdf = values.sdf.data_mut();
-        let raised: Vec<u32> =
-            band.border.iter().copied().filter(|&i| sdf[i as usize] < band.outside).collect();
-        for &i in &raised {
-            sdf[i as usize] = band.outside;
-        }
-        Ok(Sampled { values, rows, raised })
+        let sdf = tape.raise_rows(all.sdf, band.border.clone(), band.outside);
+        let at_verts = FieldVars {
+            sdf: tape.slice_rows(sdf, verts.clone()),
+            gradient: tape.slice_rows(all.gradient, verts.clone()),
+            offset: all.offset.map(|offset| tape.slice_rows(offset, verts)),
+        };
+        let on_points = weights.on_points > 0.0 && !points.is_empty();
+        Ok(Sampled {
+            parameters,
+            gradient: all.gradient,
+            at_verts,
+            at_points: on_points.then(|| tape.slice_rows(sdf, points)),
+            at_bridges: (!bridges.is_empty()).then(|| tape.slice_rows(sdf, bridges)),
+        })
     }
 
     /// Finds which edges of the band the surface crosses.
-    pub fn march(&self, sampled: &Sampled, iso: &mut Isosurface) -> Result<(), Error> {
-        let sdf = &sampled.values.sdf.data()[sampled.rows.verts.clone()];
+    ///
+    /// # Errors
+    /// [`ErrorKind::NoSurface`] if none.
+    pub fn march(&self, sampled: &Sampled, work: &mut Workspace) -> Result<(), Error> {
+        let sdf = work.tape.value(sampled.at_verts.sdf).data();
         let inside: Vec<bool> = sdf.iter().map(|&s| s < 0.0).collect();
-        self.band.topology.march_into(&inside, iso);
-        if iso.faces.is_empty() {
+        self.band.topology.march_into(&inside, &mut work.iso);
+        if work.iso.faces.is_empty() {
             return Err(Error::new(ErrorKind::NoSurface, "the surface vanished during training"));
         }
         Ok(())
     }
 
-    /// Puts the step on the tape: moved vertices, surface, target, and the loss.
+    /// Goes on with the tape from the field to the loss: moved vertices, surface, target, terms.
     pub fn record(&self, sampled: &Sampled, seen: &Seen, work: &mut Workspace) -> Result<Recorded, Error> {
         let Setup { config, working, blocks, .. } = self.setup;
-        let (state, band, rows) = (self.state, self.band, &sampled.rows);
+        let (state, band) = (self.state, self.band);
         let progress = self.step as f32 / self.steps.max(1) as f32;
         let Workspace {
             tape,
@@ -233,20 +240,9 @@ impl<'a> TrainStep<'a> {
             held_samples,
             ..
         } = work;
-        tape.clear();
-        let all = FieldVars {
-            sdf: tape.input(sampled.values.sdf.clone()),
-            gradient: tape.input(sampled.values.gradient.clone()),
-            offset: sampled.values.offset.clone().map(|o| tape.input(o)),
-        };
-        let at_verts = FieldVars {
-            sdf: tape.slice_rows(all.sdf, rows.verts.clone()),
-            gradient: tape.slice_rows(all.gradient, rows.verts.clone()),
-            offset: all.offset.map(|o| tape.slice_rows(o, rows.verts.clone())),
-        };
         let verts = tape.constant(Tensor::from_points(&band.verts));
-        let moved = deform(tape, config.deformation, verts, &at_verts);
-        let crossings = tape.edge_crossing(moved, at_verts.sdf, &iso.edges[..]);
+        let moved = deform(tape, config.deformation, verts, &sampled.at_verts);
+        let crossings = tape.edge_crossing(moved, sampled.at_verts.sdf, &iso.edges[..]);
         check_near("the extracted surface", tape.value(crossings).data())?;
         let (drawn, tree) = match config.surface_samples {
             None => (crossings, None),
@@ -282,19 +278,17 @@ impl<'a> TrainStep<'a> {
         let surface =
             state.map.as_ref().map(|map| seen_surface(tape, map, live, &state.surface, blocks.len(), seen));
 
-        let on_points = config.weights.on_points > 0.0 && !rows.points.is_empty();
-        let cloud_sdf = on_points.then(|| tape.slice_rows(all.sdf, rows.points.clone()));
-        let bridges = (!rows.bridges.is_empty()).then(|| {
-            let depths = Tensor::from_vec(&[rows.bridges.len(), 1], state.bridges.depths.clone());
-            (tape.slice_rows(all.sdf, rows.bridges.clone()), tape.constant(depths))
+        let bridges = sampled.at_bridges.map(|sdf| {
+            let depths = &state.bridges.depths;
+            (sdf, tape.constant(Tensor::from_vec(&[depths.len(), 1], depths.clone())))
         });
         let inputs = TermInputs {
             verts: &band.verts,
             faces: &iso.faces,
-            field: at_verts,
-            cloud_sdf,
+            field: sampled.at_verts,
+            cloud_sdf: sampled.at_points,
             bridges,
-            gradient: all.gradient,
+            gradient: sampled.gradient,
             moved,
             crossings,
             drawn,
@@ -306,32 +300,21 @@ impl<'a> TrainStep<'a> {
         let (loss, terms) = add_terms(tape, &config.weights, progress, &inputs);
         let none =
             || Error::new(ErrorKind::Config, "no term of the loss has a weight").at_element("option weights");
-        Ok(Recorded { loss: loss.ok_or_else(none)?, field: all, map: bound, surface: live, terms })
+        Ok(Recorded { loss: loss.ok_or_else(none)?, map: bound, surface: live, terms })
     }
 
-    /// The gradients of the field's and, if the step trains it, the map's parameters: through the tape to the field's
-    /// values, and block by block through the field.
-    pub fn pull_back(
+    /// The gradients of the loss by the parameters of the field and, if the step trains it, of the parameterization.
+    pub fn gradients(
         &self,
         recorded: &Recorded,
         sampled: &Sampled,
-        work: &mut Workspace,
+        tape: &Tape,
     ) -> (ParamGradients, Option<ParamGradients>) {
-        let Workspace { tape, pass, .. } = work;
         let mut gradients = tape.backward(recorded.loss);
-        let mut take =
-            |var: Var, like: &Tensor| gradients.take(var).unwrap_or_else(|| Tensor::zeros(like.dims()));
-        let values = &sampled.values;
-        let mut d = FieldValues {
-            sdf: take(recorded.field.sdf, &values.sdf),
-            gradient: take(recorded.field.gradient, &values.gradient),
-            offset: recorded.field.offset.zip(values.offset.as_ref()).map(|(var, like)| take(var, like)),
-        };
-        // A raised value does not depend on the field.
-        for &i in &sampled.raised {
-            d.sdf.data_mut()[i as usize] = 0.0;
-        }
-        let field = pass.backward(&self.state.field, &d);
+        let params = self.state.field.params();
+        let flat = gradients.take(sampled.parameters);
+        let flat = flat.unwrap_or_else(|| Tensor::zeros(&[1, params.scalars()]));
+        let field = params.split(flat.data()).into_iter().map(Some).collect();
         (field, recorded.map.as_ref().map(|p| p.collect(&mut gradients)))
     }
 
@@ -342,12 +325,8 @@ impl<'a> TrainStep<'a> {
     pub fn moved_verts(&self) -> Result<[Vec<[f32; 3]>; 2], Error> {
         let verts = &self.band.verts;
         let mut tape = Tape::new();
-        let values = FieldPass::new().forward(&self.state.field, verts, tape.pool());
-        let field = FieldVars {
-            sdf: tape.constant(values.sdf),
-            gradient: tape.constant(values.gradient),
-            offset: values.offset.map(|offset| tape.constant(offset)),
-        };
+        let parameters = tape.constant(self.state.field.params().flat());
+        let field = self.state.field.fused(&mut tape, parameters, verts, &FieldMemory::default());
         let at = tape.constant(Tensor::from_points(verts));
         let moved = deform(&mut tape, self.setup.config.deformation, at, &field);
         check_near("the moved grid", tape.value(moved).data())?;

@@ -59,6 +59,7 @@ fn find_band(trainer: &mut Trainer) {
 fn loss_at(trainer: &mut Trainer) -> f64 {
     let (at, work) = parts(trainer);
     let seen = at.seen();
+    work.clear();
     let sampled = at.sample_field(&seen, work).unwrap();
     let recorded = at.record(&sampled, &seen, work).unwrap();
     f64::from(work.tape.value(recorded.loss).item())
@@ -70,10 +71,11 @@ type Differentiated = (Seen, Recorded, ParamGradients, Option<ParamGradients>);
 fn differentiate(trainer: &mut Trainer) -> Differentiated {
     let (at, work) = parts(trainer);
     let seen = at.seen();
+    work.clear();
     let sampled = at.sample_field(&seen, work).unwrap();
-    at.march(&sampled, &mut work.iso).unwrap();
+    at.march(&sampled, work).unwrap();
     let recorded = at.record(&sampled, &seen, work).unwrap();
-    let (field, map) = at.pull_back(&recorded, &sampled, work);
+    let (field, map) = at.gradients(&recorded, &sampled, &work.tape);
     (seen, recorded, field, map)
 }
 
@@ -101,7 +103,9 @@ fn nudge(trainer: &mut Trainer, map: bool, index: usize, along: &Tensor, by: f32
 fn clear_the_level(trainer: &mut Trainer) {
     let (at, work) = parts(trainer);
     let sampled = at.sample_field(&at.seen(), work).unwrap();
-    let mut values: Vec<f32> = sampled.values.sdf.data().iter().copied().filter(|s| s.abs() < 0.03).collect();
+    let places = [Some(sampled.at_verts.sdf), sampled.at_points, sampled.at_bridges];
+    let values = places.into_iter().flatten().flat_map(|var| work.tape.value(var).data());
+    let mut values: Vec<f32> = values.copied().filter(|s| s.abs() < 0.03).collect();
     values.sort_by(f32::total_cmp);
     let widest = values.windows(2).max_by(|a, b| (a[1] - a[0]).total_cmp(&(b[1] - b[0]))).unwrap();
     let shift = -0.5 * (widest[0] + widest[1]);
