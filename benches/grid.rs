@@ -2,10 +2,10 @@
 
 mod common;
 
-use bijective_sdf::geometry::{Isosurface, NarrowBandOptions, Shape, TetGrid, active_set, extract};
+use bijective_sdf::geometry::{AnalyticShape, Isosurface, NarrowBandOptions, TetGrid, active_set, extract};
 use criterion::{Criterion, criterion_group};
 
-const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
+const TORUS: AnalyticShape = AnalyticShape::Torus { major: 0.36, minor: 0.14 };
 
 fn grid(resolution: usize) -> TetGrid {
     TetGrid::covering([-0.58; 3], [0.58; 3], resolution, 1).expect("a box")

@@ -5,12 +5,12 @@
 //! through the logarithms of the last four rows; where the rows before are flat, other costs outweigh what grows. A
 //! peak counts memory that rows before it gave back and the allocator still holds.
 
-use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, extract};
+use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract};
 use bijective_sdf::reconstruct::{Config, Phase, Stage, Trainer};
 use std::fs;
 use std::time::Instant;
 
-const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
+const TORUS: AnalyticShape = AnalyticShape::Torus { major: 0.36, minor: 0.14 };
 /// Steps of each phase.
 const STEPS: usize = 16;
 

@@ -2,11 +2,11 @@
 
 mod common;
 
-use bijective_sdf::geometry::Shape;
+use bijective_sdf::geometry::AnalyticShape;
 use bijective_sdf::reconstruct::{Config, Phase, Preset, Stage, Trainer};
 use criterion::{Criterion, criterion_group};
 
-const TORUS: Shape = Shape::Torus { major: 0.36, minor: 0.14 };
+const TORUS: AnalyticShape = AnalyticShape::Torus { major: 0.36, minor: 0.14 };
 
 /// Shortens the phases before the training proper; they are not what is measured.
 fn hurry(config: &mut Config) {

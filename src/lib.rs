@@ -6,12 +6,12 @@
 //! vertices of a tetrahedral grid onto S. Everything is trained for the one cloud at hand; there is no training data.
 //!
 //! ```
-//! use bijective_sdf::geometry::Shape;
+//! use bijective_sdf::geometry::AnalyticShape;
 //! use bijective_sdf::reconstruct::Stage;
 //! use bijective_sdf::{Config, Preset, reconstruct};
 //!
 //! // 150 points on a sphere of radius 2; `io::read_cloud` reads them from a file.
-//! let (points, _) = Shape::Sphere { radius: 2.0 }.sample(150, 1);
+//! let (points, _) = AnalyticShape::Sphere { radius: 2.0 }.sample(150, 1);
 //! let mut config = Config::preset(Preset::Fast);
 //! // 40 steps on a grid of 16 cubes, after 100 steps on the first shape: much less than usual.
 //! config.stages = vec![Stage { resolution: 16, steps: 40 }];

@@ -1,7 +1,7 @@
 //! What a training step asks the system for, once it has warmed up.
 #![allow(unsafe_code)]
 
-use bijective_sdf::geometry::Shape;
+use bijective_sdf::geometry::AnalyticShape;
 use bijective_sdf::reconstruct::{Config, Phase, Stage, Trainer};
 use std::alloc::{GlobalAlloc, Layout, System};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -45,7 +45,7 @@ fn a_warm_step_asks_for_little() {
 }
 
 fn warm_steps() {
-    let (points, _) = Shape::Torus { major: 0.36, minor: 0.14 }.sample(300, 1);
+    let (points, _) = AnalyticShape::Torus { major: 0.36, minor: 0.14 }.sample(300, 1);
     let mut config = Config::default();
     (config.start.steps, config.bsp_pretrain) = (100, 6);
     // Two steps of a run look at the whole surface as it would be in the end; they are none of those meant here.

@@ -6,7 +6,7 @@ use std::io::{Read, Write};
 use std::path::Path;
 use std::process::Command;
 
-use bijective_sdf::geometry::Shape;
+use bijective_sdf::geometry::AnalyticShape;
 use bijective_sdf::io::{read_cloud, read_mesh, read_mesh_bytes};
 
 mod common;
@@ -281,7 +281,7 @@ fn pipes_carry_the_cloud_in_and_the_mesh_out() {
     assert_eq!(code(&output), 0, "{}", err(&output));
     assert!(output.stdout == fs::read(&file).unwrap());
 
-    let text: String = Shape::Sphere { radius: 0.5 }
+    let text: String = AnalyticShape::Sphere { radius: 0.5 }
         .sample(60, 1)
         .0
         .iter()

@@ -1,8 +1,8 @@
 //! Whether S fills in between the points: the figures of a run, held against the true surface.
 
 use bijective_sdf::bsp::{Coverage, Parameterization};
-use bijective_sdf::evaluate::{GroundTruth, Options, PointsReport, evaluate_points};
-use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, TriangleMesh, about, extract};
+use bijective_sdf::evaluate::{CompareOptions, GroundTruth, PointsReport, evaluate_points};
+use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, TriangleMesh, about, extract};
 use bijective_sdf::{Config, Preset, reconstruct};
 
 /// What S came to in a run, and how it and the points lie to the truth.
@@ -14,17 +14,17 @@ struct Seen {
 }
 
 /// Reconstructs `n` points of a shape and measures the S that the run ends with.
-fn seen_after_training(shape: Shape, n: usize, config: &Config) -> Seen {
+fn seen_after_training(shape: AnalyticShape, n: usize, config: &Config) -> Seen {
     let (points, _) = shape.sample(n, 1);
     let result = reconstruct(&points, config).unwrap();
     let truth = true_mesh(&shape);
     let sets = [about(result.cloud(), [0.0; 3]), about(&result.surface_points(), [0.0; 3])];
     let sets: [&[[f32; 3]]; 2] = [&sets[0], &sets[1]];
-    let reports = evaluate_points(GroundTruth::Mesh(&truth), &sets, &Options::shape()).unwrap();
+    let reports = evaluate_points(GroundTruth::Mesh(&truth), &sets, &CompareOptions::shape()).unwrap();
     Seen { coverage: *result.coverage().expect("an S"), q: reports[0], s: reports[1] }
 }
 
-fn true_mesh(shape: &Shape) -> TriangleMesh {
+fn true_mesh(shape: &AnalyticShape) -> TriangleMesh {
     let (around, _) = shape.sample(2000, 2);
     let grid = TetGrid::covering([-1.0; 3], [1.0; 3], 64, 1).unwrap();
     let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
@@ -43,7 +43,8 @@ fn short(parameterization: Parameterization) -> Config {
 
 #[test]
 fn an_interpolated_surface_is_seen_to_fill_the_gaps() {
-    let seen = seen_after_training(Shape::Sphere { radius: 0.7 }, 150, &short(Parameterization::Upsample));
+    let seen =
+        seen_after_training(AnalyticShape::Sphere { radius: 0.7 }, 150, &short(Parameterization::Upsample));
     assert!(seen.coverage.codes.is_none() && seen.coverage.distinct_share() > 0.9, "{seen:?}");
     assert!(seen.s.from_gt < 0.9 * seen.q.from_gt && seen.s.from_gt > seen.s.floor.unwrap(), "{seen:?}");
     // The same places, in two frames.
@@ -53,7 +54,7 @@ fn an_interpolated_surface_is_seen_to_fill_the_gaps() {
 
 #[test]
 fn a_trained_surface_has_figures_of_its_codes() {
-    let seen = seen_after_training(Shape::Sphere { radius: 0.7 }, 150, &short(Parameterization::Bsp));
+    let seen = seen_after_training(AnalyticShape::Sphere { radius: 0.7 }, 150, &short(Parameterization::Bsp));
     let codes = seen.coverage.codes.unwrap();
     assert!((0.0..=1.0).contains(&codes.mean_code) && codes.sphere == 1500, "{seen:?}");
     assert!((10..=1500).contains(&codes.used) && codes.folded().is_none_or(|f| f <= 1.0), "{seen:?}");
@@ -78,7 +79,7 @@ fn with_charts() -> Config {
 
 #[test]
 fn codes_cover_the_sphere_and_s_the_shape_after_training() {
-    for shape in [Shape::Sphere { radius: 0.7 }, Shape::Torus { major: 0.6, minor: 0.25 }] {
+    for shape in [AnalyticShape::Sphere { radius: 0.7 }, AnalyticShape::Torus { major: 0.6, minor: 0.25 }] {
         let seen = seen_after_training(shape, 200, &with_charts());
         let codes = seen.coverage.codes.unwrap();
         assert!(codes.mean_code < 0.1 && codes.evenness() > 0.75, "{seen:?}");

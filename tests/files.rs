@@ -6,7 +6,7 @@ use std::io::Read;
 use std::path::Path;
 use std::process::{Child, Command};
 
-use bijective_sdf::geometry::Shape;
+use bijective_sdf::geometry::AnalyticShape;
 use bijective_sdf::io::{ReadOptions, read_cloud, read_cloud_with, read_mesh, write_cloud};
 
 #[allow(dead_code)]
@@ -253,7 +253,7 @@ fn meshes_and_distances_go_to_programs_for_models_and_volumes() {
 fn a_trimmed_mesh_is_open_where_no_point_was() {
     let dir = Dir::new("trim");
     let below: Vec<[f32; 3]> =
-        Shape::Sphere { radius: 0.5 }.sample(300, 1).0.into_iter().filter(|p| p[2] < 0.1).collect();
+        AnalyticShape::Sphere { radius: 0.5 }.sample(300, 1).0.into_iter().filter(|p| p[2] < 0.1).collect();
     let (cloud, mesh, field) = (dir.path("bowl.ply"), dir.path("mesh.ply"), dir.path("a.field"));
     write_cloud(&cloud, &below).unwrap();
     let whole = |mesh: &Path| {
@@ -280,7 +280,7 @@ fn a_trimmed_mesh_is_open_where_no_point_was() {
 #[test]
 fn vertices_take_what_the_nearest_point_that_was_kept_has() {
     let dir = Dir::new("carry");
-    let points = Shape::Sphere { radius: 0.5 }.sample(120, 1).0;
+    let points = AnalyticShape::Sphere { radius: 0.5 }.sample(120, 1).0;
     // The first point comes twice, with another class the second time, and a stray is left out: neither may shift what
     // the others have.
     let mut rows: Vec<([f32; 3], usize)> = points.iter().copied().zip(0..).collect();

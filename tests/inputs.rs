@@ -4,7 +4,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bijective_sdf::geometry::Shape;
+use bijective_sdf::geometry::AnalyticShape;
 use bijective_sdf::io::{read_cloud, read_mesh, write_cloud};
 
 #[allow(dead_code)]
@@ -15,7 +15,7 @@ use serde_json::Value;
 
 /// 60 points on a torus.
 fn torus() -> Vec<[f32; 3]> {
-    Shape::Torus { major: 1.0, minor: 0.4 }.sample(60, 1).0
+    AnalyticShape::Torus { major: 1.0, minor: 0.4 }.sample(60, 1).0
 }
 
 /// A file with a line for each point of the torus.
@@ -267,7 +267,7 @@ fn strays_are_left_out_unless_they_are_to_stay() {
 #[test]
 fn normals_and_an_origin_decide_what_is_inside() {
     let dir = Dir::new("sides");
-    let (points, normals) = Shape::Sphere { radius: 1.0 }.sample(90, 2);
+    let (points, normals) = AnalyticShape::Sphere { radius: 1.0 }.sample(90, 2);
     let rows = |sign: f32| -> String {
         let row = |(p, n): (&[f32; 3], &[f32; 3])| {
             let n = n.map(|x| sign * x);

@@ -88,11 +88,14 @@ fn module(path: &str) -> Vec<String> {
     path.split('/').map(str::to_string).collect()
 }
 
-/// Every path from `crate::`, or `super::`, that a file names, as module names from the root; of `a::{b, c::d}` both.
+/// Every path from `crate::`, `super::`, or a module of the file's own, that a file names, as module names from the
+/// root; of `a::{b, c::d}` both.
 fn paths(path: &str, code: &str) -> BTreeSet<Vec<String>> {
     let own = module(path);
+    let modules = code.lines().filter_map(|line| line.strip_suffix(';')?.split("mod ").nth(1));
+    let roots: Vec<String> = modules.chain(["crate", "super"]).map(|name| format!("{name}::")).collect();
     let mut out = BTreeSet::new();
-    for (at, _) in code.match_indices("crate::").chain(code.match_indices("super::")) {
+    for (at, _) in roots.iter().flat_map(|root| code.match_indices(root.as_str())) {
         let before = code[..at].chars().next_back().unwrap_or(' ');
         if before.is_alphanumeric() || before == '_' || before == ':' {
             continue;
@@ -186,13 +189,14 @@ fn arrows(sources: &Sources) -> Vec<String> {
     out.into_iter().collect()
 }
 
-/// Circles between the files of a room. A `mod.rs` is the door of its room: it names the files, and they may use what
-/// it defines.
+/// Circles between the files of a room. A `mod.rs` is the door of its room: that it names and re-exports the files does
+/// not count, but what it defines itself does.
 fn circles(sources: &Sources) -> Vec<String> {
     let mut uses: BTreeMap<&str, BTreeSet<String>> = BTreeMap::new();
     for (path, code) in sources {
-        let files = paths(path, code).into_iter().filter_map(|used| definition(&used, sources));
-        uses.insert(path, files.filter(|file| file != path && !file.ends_with("mod.rs")).collect());
+        let code = if path.ends_with("mod.rs") { without_exports(code) } else { code.clone() };
+        let files = paths(path, &code).into_iter().filter_map(|used| definition(&used, sources));
+        uses.insert(path, files.filter(|file| file != path).collect());
     }
     let reaches = |from: &str, to: &str| {
         let (mut seen, mut open) = (BTreeSet::new(), vec![from]);
@@ -208,12 +212,26 @@ fn circles(sources: &Sources) -> Vec<String> {
         }
         false
     };
-    let inside = |path: &&&str| !path.ends_with("mod.rs") && !["lib.rs", "main.rs"].contains(*path);
     uses.keys()
-        .filter(inside)
+        .filter(|path| !["lib.rs", "main.rs"].contains(*path))
         .filter(|path| reaches(path, path))
         .map(|path| format!("{path} uses itself"))
         .collect()
+}
+
+/// The code of a `mod.rs` without its re-exports.
+fn without_exports(code: &str) -> String {
+    let mut out = String::new();
+    let mut exporting = false;
+    for line in code.lines() {
+        exporting |= line.starts_with("pub") && line.contains(" use ");
+        if !exporting {
+            out.push_str(line);
+            out.push('\n');
+        }
+        exporting &= !line.contains(';');
+    }
+    out
 }
 
 /// Breaches of the house rules, as `file:line: rule`.
@@ -311,6 +329,10 @@ fn circles_are_found_through_re_exports() {
     let circle = [door, x, ("a/y.rs", "use crate::a::z::Z;"), ("a/z.rs", "use super::{W, X};")];
     assert_eq!(circles(&made_up(&circle)).len(), 3);
     none(&circles(&made_up(&[door, x, ("a/y.rs", "use crate::a::z::Z;"), ("a/z.rs", "use super::W;")])));
+    // W is defined in a door that uses a file which uses W.
+    let door = ("a/mod.rs", "mod x;\npub use x::X;\nuse x::helper;\npub struct W;");
+    assert_eq!(circles(&made_up(&[door, ("a/x.rs", "use super::W;")])).len(), 2);
+    none(&circles(&made_up(&[door, ("a/x.rs", "use super::super::b::V;")])));
 }
 
 #[test]

@@ -144,7 +144,8 @@ fn point_transformer() {
 
 #[test]
 fn adam() {
-    let decayed = AdamOptions { beta1: 0.8, beta2: 0.95, eps: 1e-6, weight_decay: 0.3 };
+    let mut decayed = AdamOptions::default();
+    (decayed.beta1, decayed.beta2, decayed.eps, decayed.weight_decay) = (0.8, 0.95, 1e-6, 0.3);
     for (case, options) in [("adam", AdamOptions::default()), ("adamw", decayed)] {
         let reference = Case::read(case);
         let mut values = [Arc::new(reference.get("x", "0").clone())];

@@ -5,7 +5,7 @@ use std::fs;
 use std::path::Path;
 use std::process::Command;
 
-use bijective_sdf::geometry::{Shape, TriangleMesh};
+use bijective_sdf::geometry::{AnalyticShape, TriangleMesh};
 use bijective_sdf::io::{read_cloud, read_mesh, write_cloud, write_mesh};
 
 // The tests of the other commands need the rest of it.
@@ -39,7 +39,7 @@ fn data(dir: &Dir) -> std::path::PathBuf {
         let cloud = data.join(format!("in/{name}.xyz"));
         run(program().arg("sample").arg(&path).arg("-o").arg(cloud).args(["-n", "60"]), 0);
     }
-    write_cloud(data.join("in/ball_60.ply"), &Shape::Sphere { radius: 0.5 }.sample(60, 1).0).unwrap();
+    write_cloud(data.join("in/ball_60.ply"), &AnalyticShape::Sphere { radius: 0.5 }.sample(60, 1).0).unwrap();
     data
 }
 

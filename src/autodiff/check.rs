@@ -20,7 +20,7 @@ use std::fmt;
 /// How a gradient is checked.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
-pub struct Options {
+pub struct CheckOptions {
     /// Random directions per input.
     pub directions: usize,
     /// Step along a direction whose n entries have unit variance; divided by the fourth root of n.
@@ -31,9 +31,9 @@ pub struct Options {
     pub seed: u64,
 }
 
-impl Default for Options {
+impl Default for CheckOptions {
     fn default() -> Self {
-        Options { directions: 6, step: 1e-2, tolerance: 5e-3, seed: 0 }
+        CheckOptions { directions: 6, step: 1e-2, tolerance: 5e-3, seed: 0 }
     }
 }
 
@@ -92,13 +92,13 @@ impl std::error::Error for Failure {}
 /// use bijective_sdf::tensor::Tensor;
 ///
 /// let x = Tensor::from_vec(&[2, 2], vec![0.1, -0.4, 0.9, 0.3]);
-/// let compared = check::gradient(|tape, x| tape.tanh(x[0]), &[x], check::Options::default()).unwrap();
+/// let compared = check::gradient(|tape, x| tape.tanh(x[0]), &[x], check::CheckOptions::default()).unwrap();
 /// assert_eq!(compared, 6);
 /// ```
 pub fn gradient(
     f: impl Fn(&mut Tape, &[Var]) -> Var,
     inputs: &[Tensor],
-    options: Options,
+    options: CheckOptions,
 ) -> Result<usize, Failure> {
     assert!(options.directions > 0, "check: no directions to compare in");
     let mut rng = ChaCha8Rng::seed_from_u64(options.seed);
@@ -255,7 +255,7 @@ mod tests {
     fn run(op: Product) -> Result<usize, Failure> {
         let x = Tensor::from_vec(&[3, 2], vec![0.5, -1.0, 2.0, 0.1, -0.3, 0.7]);
         let y = Tensor::from_vec(&[3, 2], vec![1.5, 0.4, -0.8, -2.0, 0.9, 0.6]);
-        gradient(|tape, x| tape.apply(op, [x[0], x[1]]), &[x, y], Options::default())
+        gradient(|tape, x| tape.apply(op, [x[0], x[1]]), &[x, y], CheckOptions::default())
     }
 
     /// The input that a gradient was found to be wrong for.
@@ -298,7 +298,7 @@ mod tests {
             let copy = tape.constant(copy);
             tape.apply(RIGHT, [x[0], copy])
         };
-        let failure = gradient(detached, &[x.clone(), x], Options::default()).unwrap_err();
+        let failure = gradient(detached, &[x.clone(), x], CheckOptions::default()).unwrap_err();
         assert!(matches!(failure, Failure::Mismatch { input: 1, analytic: 0.0, .. }), "{failure}");
     }
 
@@ -326,7 +326,7 @@ mod tests {
     fn kinks_are_passed_over_and_hide_no_wrong_gradient() {
         let run = |factor: f32, x: Vec<f32>| {
             let x = Tensor::from_vec(&[1, x.len()], x);
-            gradient(|tape, x| tape.apply(Abs { factor }, [x[0]]), &[x], Options::default())
+            gradient(|tape, x| tape.apply(Abs { factor }, [x[0]]), &[x], CheckOptions::default())
         };
         // Some directions cross the kink of the first entry, others do not.
         let near = vec![1e-3, 1.0, -2.0];

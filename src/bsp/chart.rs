@@ -251,7 +251,7 @@ mod tests {
     fn of_sphere(n: usize, radius: f32) -> (Vec<[f32; 3]>, Vec<Chart>, f32) {
         let codes = fibonacci_sphere(n);
         let points: Vec<[f32; 3]> = codes.iter().map(|u| u.map(|x| radius * x)).collect();
-        let config = BspConfig { code_density: 1.0, ..super::super::tests::small(None, false) };
+        let config = BspConfig { code_density: 1.0, ..super::super::config::tests::small(None, false) };
         let near = KdTree::new(&points).k_nearest(&points, FITTED + 1);
         let cap = cap_radius(config.patch, config.codes(n));
         (codes.clone(), charts(&points, &codes, None, &near, &config), cap)
@@ -280,7 +280,7 @@ mod tests {
     fn a_mirrored_layout_turns_the_charts_over() {
         let (codes, _, cap) = of_sphere(200, 0.5);
         let points: Vec<[f32; 3]> = codes.iter().map(|u| [-0.5 * u[0], 0.5 * u[1], 0.5 * u[2]]).collect();
-        let config = super::super::tests::small(None, false);
+        let config = super::super::config::tests::small(None, false);
         let near = KdTree::new(&points).k_nearest(&points, FITTED + 1);
         let charts = charts(&points, &codes, None, &near, &config);
         for (chart, code) in charts.iter().zip(&codes) {
@@ -320,7 +320,7 @@ mod tests {
             let cloud = normal(&[14, 3], seed).to_points();
             let codes = fibonacci_sphere(14);
             let near = KdTree::new(&cloud).k_nearest(&cloud, FITTED);
-            let config = super::super::tests::small(None, false);
+            let config = super::super::config::tests::small(None, false);
             let charts: Arc<[Chart]> = charts(&cloud, &codes, None, &near, &config)[..5].into();
             let p = normal(&[5 * patch, 3], seed ^ 1);
             check(|t, x| place(t, x[0], &charts, patch), &[p], seed);

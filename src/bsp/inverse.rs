@@ -121,7 +121,7 @@ mod tests {
     #[test]
     fn averaged_positions_start_near_the_points_they_attend_to() {
         let points: Vec<[f32; 3]> = crate::geometry::fibonacci_sphere(60);
-        let config = super::super::tests::small(Some(4), true);
+        let config = super::super::config::tests::small(Some(4), true);
         let mut params = Params::new();
         let mut rng = Random::new(3);
         let psi = Inverse::new(&mut params.scope("psi"), &config, &points, &mut rng);

@@ -118,7 +118,7 @@ fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
     use crate::ops::testing::normal;
 
     fn laid_out(points: &[[f32; 3]], k: usize) -> (Vec<[f32; 3]>, Vec<u32>) {
@@ -141,7 +141,7 @@ mod tests {
         let rod: Vec<[f32; 3]> =
             normal(&[200, 3], 4).to_points().iter().map(|p| [p[0], 0.02 * p[1], 0.01 * p[2]]).collect();
         vec![
-            ("torus", Shape::Torus { major: 0.34, minor: 0.14 }.sample(300, 1).0),
+            ("torus", AnalyticShape::Torus { major: 0.34, minor: 0.14 }.sample(300, 1).0),
             ("rod", rod),
             ("plane", normal(&[150, 3], 5).to_points().iter().map(|p| [p[0], p[1], 0.0]).collect()),
             ("line", (0..40).map(|i| [i as f32, 0.0, 0.0]).collect()),

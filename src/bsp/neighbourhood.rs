@@ -247,7 +247,7 @@ mod tests {
 
     #[test]
     fn blocks_hold_every_point_once_and_what_it_depends_on() {
-        let config = BspConfig { reach: Some(6), ..super::super::tests::small(Some(6), true) };
+        let config = BspConfig { reach: Some(6), ..super::super::config::tests::small(Some(6), true) };
         for n in [1, 2, 7, 40, 133] {
             let points = normal(&[n, 3], n as u64).to_points();
             let turned = normal(&[n, 3], 7).to_points();

@@ -219,8 +219,11 @@ mod tests {
     fn blocks_give_the_surface_that_the_whole_gives_where_their_context_is_complete() {
         // With all points in every context the blocks differ from the whole in nothing but the order of sums.
         let points = normal(&[21, 3], 3).to_points();
-        let config =
-            BspConfig { neighbours: 4, reach: Some(21), ..super::super::tests::small(Some(21), true) };
+        let config = BspConfig {
+            neighbours: 4,
+            reach: Some(21),
+            ..super::super::config::tests::small(Some(21), true)
+        };
         let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut Random::new(1)).unwrap();
         let whole = map.surface(&points, &map.blocks(&points, None, 100));
         let blocks = map.blocks(&points, None, 6);
@@ -233,7 +236,8 @@ mod tests {
     #[test]
     fn the_codes_of_a_cloud_are_those_that_its_surface_comes_from() {
         let points = normal(&[21, 3], 3).to_points();
-        let config = BspConfig { neighbours: 4, reach: Some(5), ..super::super::tests::small(Some(5), true) };
+        let config =
+            BspConfig { neighbours: 4, reach: Some(5), ..super::super::config::tests::small(Some(5), true) };
         let map = SurfaceMap::new(Parameterization::Bsp, config, &points, &mut Random::new(1)).unwrap();
         let SurfaceMap::Bsp(bsp) = &map else { panic!("asked for BSP") };
         let blocks = map.blocks(&points, None, 6);
@@ -262,7 +266,7 @@ mod tests {
     #[test]
     fn interpolation_is_the_same_in_blocks_and_has_no_parameters() {
         let points = normal(&[40, 3], 3).to_points();
-        let config = super::super::tests::small(Some(4), true);
+        let config = super::super::config::tests::small(Some(4), true);
         let map = SurfaceMap::new(Parameterization::Upsample, config, &points, &mut Random::new(1)).unwrap();
         assert!(map.params().is_empty());
         let blocks = map.blocks(&points, None, 6);
@@ -281,7 +285,7 @@ mod tests {
             (Parameterization::Single, 27),
             (Parameterization::Multiple { maps: 5 }, 30),
         ] {
-            let config = super::super::tests::small(Some(4), true);
+            let config = super::super::config::tests::small(Some(4), true);
             let map = SurfaceMap::new(kind, config, &points, &mut Random::new(1)).unwrap();
             let surface = map.surface(&points, &map.blocks(&points, None, 4));
             assert_eq!((surface.len(), map.surface_len(9)), (want, want));
@@ -292,7 +296,8 @@ mod tests {
         let mut rng = Random::new(1);
         let none = Parameterization::None;
         assert!(
-            SurfaceMap::new(none, super::super::tests::small(Some(4), true), &points, &mut rng).is_none()
+            SurfaceMap::new(none, super::super::config::tests::small(Some(4), true), &points, &mut rng)
+                .is_none()
         );
     }
 }

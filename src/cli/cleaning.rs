@@ -111,11 +111,11 @@ pub fn doubts(clean: &CleanCloud) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bijective_sdf::geometry::{Shape, clean_cloud, widened};
+    use bijective_sdf::geometry::{AnalyticShape, clean_cloud, widened};
 
     #[test]
     fn strays_are_told_and_left_out_unless_they_are_to_stay() {
-        let mut points = widened(&Shape::Sphere { radius: 1.0 }.sample(100, 1).0);
+        let mut points = widened(&AnalyticShape::Sphere { radius: 1.0 }.sample(100, 1).0);
         assert_eq!(strays(&points, Outliers::Auto), (Vec::new(), None));
         points.insert(7, [2.5, 0.5, -2.0]);
         for outliers in [Outliers::Auto, Outliers::Remove, Outliers::Keep] {
@@ -134,7 +134,7 @@ mod tests {
     #[test]
     fn doubtful_clouds_are_told() {
         let of = |points: &[[f32; 3]]| doubts(&clean_cloud(points).unwrap());
-        let sphere = Shape::Sphere { radius: 1.0 }.sample(200, 1).0;
+        let sphere = AnalyticShape::Sphere { radius: 1.0 }.sample(200, 1).0;
         assert_eq!(of(&sphere), [""; 0]);
         assert!(of(&sphere[..12])[0].contains("12 points are few"));
         let flat: Vec<[f32; 3]> = sphere.iter().map(|p| [p[0], p[1], 1e-5 * p[2]]).collect();

@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
+use bijective_sdf::evaluate::{CompareOptions, GroundTruth, evaluate, evaluate_points};
 use bijective_sdf::geometry::{
-    Bounds, NarrowBandOptions, Shape, TetGrid, TriangleMesh, about, extract, widened,
+    AnalyticShape, Bounds, NarrowBandOptions, TetGrid, TriangleMesh, about, extract, widened,
 };
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::Hints;
@@ -57,13 +57,13 @@ pub struct DemoArgs {
 #[derive(Clone, Copy, Debug)]
 struct Named {
     name: &'static str,
-    shape: Shape,
+    shape: AnalyticShape,
 }
 
 fn shape_parser() -> impl TypedValueParser<Value = Named> {
-    PossibleValuesParser::new(Shape::gallery().map(|(name, _)| name)).map(|chosen| {
+    PossibleValuesParser::new(AnalyticShape::gallery().map(|(name, _)| name)).map(|chosen| {
         let (name, shape) =
-            Shape::gallery().into_iter().find(|(name, _)| *name == chosen).expect("a listed name");
+            AnalyticShape::gallery().into_iter().find(|(name, _)| *name == chosen).expect("a listed name");
         Named { name, shape }
     })
 }
@@ -86,13 +86,13 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;
     let local = mesh.about([0.0; 3]);
-    let mut options = Options::shape();
+    let mut options = CompareOptions::shape();
     options.surface = true;
     let report = evaluate(GroundTruth::Mesh(&truth), &local, &options)?;
     let s = about(&trained.field.surface_points(), [0.0; 3]);
     let sets = [&points[..], &s];
     let sets = if s.is_empty() { &sets[..1] } else { &sets };
-    let covered = evaluate_points(GroundTruth::Mesh(&truth), sets, &Options::shape())?;
+    let covered = evaluate_points(GroundTruth::Mesh(&truth), sets, &CompareOptions::shape())?;
     let covered = TruthCoverage::of(&covered).map_or("null".to_string(), |c| c.json());
     let view = View { up: Axis::Z, ..View::default() };
     let image = render(&widened(&points), &mesh, &view)?;
@@ -140,7 +140,7 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
 }
 
 /// A fine mesh of the shape itself.
-fn true_mesh(shape: &Shape, seed: u64) -> Result<TriangleMesh, Failure> {
+fn true_mesh(shape: &AnalyticShape, seed: u64) -> Result<TriangleMesh, Failure> {
     let (around, _) = shape.sample(5000, seed);
     let bounds = Bounds::of(&around)?;
     let (low, high) = (bounds.min.map(|x| (x - 0.02) as f32), bounds.max.map(|x| (x + 0.02) as f32));

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use bijective_sdf::evaluate::{Frame, Options, Protocol, Report, Table, evaluate_with_scan};
+use bijective_sdf::evaluate::{CompareOptions, Frame, Protocol, Report, Table, evaluate_with_scan};
 use bijective_sdf::geometry::Topology;
 use clap::builder::{PossibleValuesParser, TypedValueParser};
 use clap::{Args, ValueEnum};
@@ -86,7 +86,7 @@ fn protocol_parser() -> impl TypedValueParser<Value = Protocol> {
 
 impl EvaluateArgs {
     /// The protocol's options, and what was said explicitly over them.
-    fn options(&self) -> Options {
+    fn options(&self) -> CompareOptions {
         let mut options = self.protocol.unwrap_or_default().options();
         (options.seed, options.surface) = (self.seed, self.surface);
         if let Some(samples) = self.samples {
@@ -187,7 +187,11 @@ pub fn run(args: &EvaluateArgs, common: Common) -> Result<(), Failure> {
 }
 
 /// Reads and compares one ground truth, one prediction and, if there is one, one scan.
-fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<(Report, Topology), Failure> {
+fn compare(
+    files: &[PathBuf],
+    options: &CompareOptions,
+    common: Common,
+) -> Result<(Report, Topology), Failure> {
     let pred = &files[1];
     let truth = Input::read(&files[0], None)?.content()?;
     let mesh = Input::read(pred, None)?.mesh()?;
@@ -213,7 +217,7 @@ fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<(Repo
 }
 
 /// One line a pair and, of several, one with the summary.
-fn json(compared: &[Compared], args: &EvaluateArgs, options: &Options) -> String {
+fn json(compared: &[Compared], args: &EvaluateArgs, options: &CompareOptions) -> String {
     let protocol = args.protocol.unwrap_or_default();
     let frame = if options.frame == Frame::AsIs { "as-is" } else { "unit" };
     // What is measured and how, with what was said explicitly over the protocol's.

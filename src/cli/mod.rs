@@ -1,13 +1,13 @@
 //! Arguments, files, progress and printing of the program; what is computed is computed by the library.
 
-use std::num::NonZeroUsize;
 use std::process::ExitCode;
 
-use clap::{Args, CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
 mod carry;
 mod cleaning;
 mod codes;
+mod common;
 mod config;
 mod config_text;
 mod console;
@@ -41,6 +41,7 @@ mod suite;
 mod train;
 mod trim;
 
+use common::Common;
 use failure::Failure;
 
 const AFTER: &str = "Exit codes: 0 done, 1 failure, 2 wrong usage, 3 bad input, 4 finished but the mesh is not closed \
@@ -57,31 +58,6 @@ struct Cli {
     common: Common,
     #[command(subcommand)]
     command: Command,
-}
-
-/// Options of every command.
-#[derive(Clone, Copy, Debug, Args)]
-struct Common {
-    /// Number of threads [default: one a processor]; the result is the same for any number
-    #[arg(long, global = true, value_name = "N")]
-    threads: Option<NonZeroUsize>,
-    /// Print errors and warnings only, no progress and no notes
-    #[arg(short, long, global = true)]
-    quiet: bool,
-}
-
-impl Common {
-    /// A remark on standard error, unless the user wants none.
-    fn note(self, text: &str) {
-        if !self.quiet {
-            console::say(&format!("note: {text}"));
-        }
-    }
-
-    /// A warning on standard error: the result may be another than the user thinks, so it is always told.
-    fn warn(self, text: &str) {
-        console::say(&format!("warning: {text}"));
-    }
 }
 
 #[derive(Debug, Subcommand)]

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use bijective_sdf::evaluate::{Cell, Options, PointsReport, TextTable, evaluate_points};
+use bijective_sdf::evaluate::{Cell, CompareOptions, PointsReport, TextTable, evaluate_points};
 use bijective_sdf::geometry::about;
 
 use super::Common;
@@ -23,7 +23,7 @@ pub enum Style {
 }
 
 /// Compares pairs of a ground truth and points.
-pub fn run(pairs: &[PathBuf], options: &Options, style: Style, common: Common) -> Result<(), Failure> {
+pub fn run(pairs: &[PathBuf], options: &CompareOptions, style: Style, common: Common) -> Result<(), Failure> {
     let compared: Vec<(String, Result<PointsReport, Failure>)> =
         pairs.chunks_exact(2).map(|files| (name(&files[1]), compare(files, options, common))).collect();
     if style == Style::Json {
@@ -66,7 +66,7 @@ pub fn run(pairs: &[PathBuf], options: &Options, style: Style, common: Common) -
     say_all_but_last(failed).map_or(Ok(()), Err)
 }
 
-fn compare(files: &[PathBuf], options: &Options, common: Common) -> Result<PointsReport, Failure> {
+fn compare(files: &[PathBuf], options: &CompareOptions, common: Common) -> Result<PointsReport, Failure> {
     let truth = Input::read(&files[0], None)?.content()?;
     let cloud = Input::read(&files[1], None)?.cloud()?;
     common.tell(&cloud.warnings, &[]);

@@ -89,7 +89,7 @@ impl SidesArgs {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bijective_sdf::geometry::{Shape, widened};
+    use bijective_sdf::geometry::{AnalyticShape, widened};
     use bijective_sdf::io::read_cloud_bytes;
 
     #[test]
@@ -102,7 +102,7 @@ mod tests {
 
     #[test]
     fn normals_and_origin_give_the_sides() {
-        let (points, mut normals) = Shape::Sphere { radius: 2.0 }.sample(200, 1);
+        let (points, mut normals) = AnalyticShape::Sphere { radius: 2.0 }.sample(200, 1);
         let text = |normals: &[[f32; 3]]| {
             let row = |(p, n): (&[f32; 3], &[f32; 3])| {
                 p.iter().chain(n).map(|x| format!("{x} ")).collect::<String>()

@@ -8,7 +8,7 @@ use crate::geometry::{TriangleBvh, TriangleMesh};
 /// How surfaces are sampled and compared.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub struct Options {
+pub struct CompareOptions {
     /// Samples of each mesh. Default 100,000; 1,000,000 is usual for scenes.
     pub samples: usize,
     /// Samples of the ground truth, if not as many as of the prediction; of a cloud, at most so many points are used.
@@ -29,10 +29,10 @@ pub struct Options {
     pub floor: bool,
 }
 
-impl Options {
+impl CompareOptions {
     /// 100,000 samples, threshold 0.01 in the ground truth's unit frame, with the sampling floor.
     pub fn shape() -> Self {
-        Options {
+        CompareOptions {
             samples: 100_000,
             gt_samples: None,
             scan_samples: None,
@@ -81,7 +81,7 @@ impl Options {
     }
 }
 
-impl Default for Options {
+impl Default for CompareOptions {
     fn default() -> Self {
         Self::shape()
     }
@@ -120,7 +120,7 @@ pub struct Report {
 /// # Panics
 /// If a cloud has normals, but not one a point.
 #[track_caller]
-pub fn evaluate(gt: GroundTruth<'_>, pred: &TriangleMesh, options: &Options) -> Result<Report, Error> {
+pub fn evaluate(gt: GroundTruth<'_>, pred: &TriangleMesh, options: &CompareOptions) -> Result<Report, Error> {
     evaluate_with_scan(gt, pred, None, options)
 }
 
@@ -139,7 +139,7 @@ pub fn evaluate_with_scan(
     gt: GroundTruth<'_>,
     pred: &TriangleMesh,
     scan: Option<GroundTruth<'_>>,
-    options: &Options,
+    options: &CompareOptions,
 ) -> Result<Report, Error> {
     options.check()?;
     if pred.faces.is_empty() {
@@ -221,8 +221,8 @@ mod tests {
         TriangleMesh { verts, faces }
     }
 
-    fn options(samples: usize) -> Options {
-        Options { samples, surface: true, ..Options::shape() }
+    fn options(samples: usize) -> CompareOptions {
+        CompareOptions { samples, surface: true, ..CompareOptions::shape() }
     }
 
     #[test]
@@ -251,7 +251,7 @@ mod tests {
         assert_eq!((large.scale, small.scale), (4096.0, 4.0));
         // A quarter of a quarter of the longest side.
         assert!((small.surface.unwrap().hd() - 0.0625).abs() < 1e-6);
-        let as_is = Options { frame: Frame::AsIs, tau: 0.04, ..options(5000) };
+        let as_is = CompareOptions { frame: Frame::AsIs, tau: 0.04, ..options(5000) };
         let gt = cuboid([0.0; 3], [4.0, 2.0, 1.0]);
         let raw = evaluate(GroundTruth::Mesh(&gt), &cuboid([0.0; 3], [4.0, 2.0, 1.25]), &as_is).unwrap();
         assert!((raw.metrics.cd_l1() - 4.0 * small.metrics.cd_l1()).abs() < 1e-5);
@@ -274,18 +274,21 @@ mod tests {
         let mesh = cuboid([0.0; 3], [1.0; 3]);
         let s = sample_surface(&mesh, 3000, 5).unwrap();
         let cloud = GroundTruth::Cloud { points: &s.points, normals: None };
-        let count = |gt, o: Options| {
+        let count = |gt, o: CompareOptions| {
             let r = evaluate(gt, &mesh, &o).unwrap();
             (r.gt_samples, r.pred_samples)
         };
         let o = options(2000);
-        assert_eq!(count(GroundTruth::Mesh(&mesh), Options { gt_samples: Some(700), ..o }), (700, 2000));
+        assert_eq!(
+            count(GroundTruth::Mesh(&mesh), CompareOptions { gt_samples: Some(700), ..o }),
+            (700, 2000)
+        );
         assert_eq!(count(cloud, o), (2000, 2000));
-        assert_eq!(count(cloud, Options { gt_samples: Some(700), ..o }), (700, 2000));
-        assert_eq!(count(cloud, Options { whole_clouds: true, ..o }), (3000, 2000));
-        assert_eq!(count(cloud, Options { gt_samples: Some(9000), ..o }), (3000, 2000));
+        assert_eq!(count(cloud, CompareOptions { gt_samples: Some(700), ..o }), (700, 2000));
+        assert_eq!(count(cloud, CompareOptions { whole_clouds: true, ..o }), (3000, 2000));
+        assert_eq!(count(cloud, CompareOptions { gt_samples: Some(9000), ..o }), (3000, 2000));
         // The floor is what a perfect prediction with its own number of samples would score.
-        let o = Options { samples: 20_000, gt_samples: Some(500), ..o };
+        let o = CompareOptions { samples: 20_000, gt_samples: Some(500), ..o };
         let r = evaluate(GroundTruth::Mesh(&mesh), &mesh, &o).unwrap();
         assert!((r.metrics.cd_l1() / r.floor.unwrap().cd_l1() - 1.0).abs() < 0.05);
     }
@@ -296,7 +299,7 @@ mod tests {
         let mesh = cuboid([0.0; 3], [2.0, 1.0, 1.0]);
         let scan = cuboid([0.0; 3], [1.0, 1.0, 1.0]);
         let gt = GroundTruth::Mesh(&mesh);
-        let o = Options { scan_samples: Some(4000), ..options(8000) };
+        let o = CompareOptions { scan_samples: Some(4000), ..options(8000) };
         let r = evaluate_with_scan(gt, &mesh, Some(GroundTruth::Mesh(&scan)), &o).unwrap();
         let plain = evaluate(gt, &mesh, &o).unwrap();
         assert_eq!(plain, Report { scan: None, ..r.clone() });
@@ -306,7 +309,7 @@ mod tests {
         assert!((direct.to_pred.max - 0.25).abs() < 0.03, "{}", direct.to_pred.max);
         let s = sample_surface(&scan, 3000, 5).unwrap();
         let cloud = GroundTruth::Cloud { points: &s.points, normals: None };
-        let whole = Options { whole_clouds: true, ..o };
+        let whole = CompareOptions { whole_clouds: true, ..o };
         let r = evaluate_with_scan(gt, &mesh, Some(cloud), &whole).unwrap();
         assert!((r.scan.unwrap().to_gt.max - 0.5).abs() < 0.03 && r.scan.unwrap().nc().is_none());
         let bad = GroundTruth::Cloud { points: &[], normals: None };
@@ -353,7 +356,7 @@ mod tests {
         let o = options(10);
         assert_eq!(evaluate(gt, &empty, &o).unwrap_err().kind(), ErrorKind::NoSurface);
         for frame in [Frame::AsIs, Frame::GroundTruthUnit] {
-            let o = Options { frame, ..o };
+            let o = CompareOptions { frame, ..o };
             let mut far = good.clone();
             far.verts.iter_mut().flatten().for_each(|x| *x *= 1e19);
             for mesh in [&bad, &missing, &far] {
@@ -373,10 +376,10 @@ mod tests {
             }
         }
         for o in [
-            Options { samples: 0, ..o },
-            Options { gt_samples: Some(0), ..o },
-            Options { scan_samples: Some(0), ..o },
-            Options { tau: f64::NAN, ..o },
+            CompareOptions { samples: 0, ..o },
+            CompareOptions { gt_samples: Some(0), ..o },
+            CompareOptions { scan_samples: Some(0), ..o },
+            CompareOptions { tau: f64::NAN, ..o },
         ] {
             assert_eq!(evaluate(gt, &good, &o).unwrap_err().kind(), ErrorKind::Config);
         }

@@ -19,7 +19,7 @@ mod table;
 mod text_table;
 
 pub use column::Column;
-pub use compare::{Options, Report, evaluate, evaluate_with_scan};
+pub use compare::{CompareOptions, Report, evaluate, evaluate_with_scan};
 pub use metrics::{Directed, FScore, Metrics, Samples, compare_samples, compare_surfaces};
 pub use points::{PointsReport, evaluate_points};
 pub use protocol::Protocol;

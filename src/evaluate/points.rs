@@ -1,6 +1,6 @@
 //! From a ground truth and points to how near to it they are, and how well they cover it.
 
-use super::compare::Options;
+use super::compare::CompareOptions;
 use super::sides::{GroundTruth, Side, frame_of, moved, naming};
 use crate::error::Error;
 use crate::geometry::{PointTree, distinct_places};
@@ -48,7 +48,7 @@ pub struct PointsReport {
 pub fn evaluate_points(
     gt: GroundTruth<'_>,
     sets: &[&[[f32; 3]]],
-    options: &Options,
+    options: &CompareOptions,
 ) -> Result<Vec<PointsReport>, Error> {
     options.check()?;
     let seed = |i: u64| options.seed_of(i) ^ OWN_SEEDS;
@@ -115,7 +115,7 @@ mod tests {
         let gt = sample_surface(&square(1.0), 700, OWN_SEEDS).unwrap().points;
         // The frame puts the middle of the square at the origin and makes its side 1.
         let gt: Vec<[f32; 3]> = gt.iter().map(|p| [p[0] - 0.5, p[1] - 0.5, p[2]]).collect();
-        let options = Options { samples: 700, ..Options::shape() };
+        let options = CompareOptions { samples: 700, ..CompareOptions::shape() };
         for n in 1..=12 {
             let points: Vec<[f32; 3]> = sample_surface(&mesh, n, 9).unwrap().points;
             let raised: Vec<[f32; 3]> = points.iter().map(|p| [p[0], p[1], 0.5]).collect();
@@ -145,7 +145,7 @@ mod tests {
     #[test]
     fn gaps_and_repetitions_show_in_the_coverage_alone() {
         let mesh = square(1.0);
-        let options = Options { samples: 20_000, ..Options::shape() };
+        let options = CompareOptions { samples: 20_000, ..CompareOptions::shape() };
         let even = sample_surface(&mesh, 1000, 5).unwrap().points;
         let few: Vec<[f32; 3]> = even[..100].iter().flat_map(|&p| [p; 10]).collect();
         let gt = GroundTruth::Mesh(&mesh);
@@ -162,7 +162,7 @@ mod tests {
         let mesh = square(2.0);
         let cloud = sample_surface(&mesh, 400, 1).unwrap().points;
         let points = sample_surface(&mesh, 50, 2).unwrap().points;
-        let options = Options { frame: Frame::AsIs, ..Options::shape() };
+        let options = CompareOptions { frame: Frame::AsIs, ..CompareOptions::shape() };
         let gt = GroundTruth::Cloud { points: &cloud, normals: None };
         let report = evaluate_points(gt, &[&points], &options).unwrap()[0];
         let m = compare_samples(Samples::new(&points, None), Samples::new(&cloud, None), 0.01);
@@ -172,7 +172,7 @@ mod tests {
         let error = evaluate_points(gt, &[&points, &bad], &options).unwrap_err();
         assert!(error.kind() == ErrorKind::Data && error.to_string().contains("unusable points"), "{error}");
         assert!(evaluate_points(gt, &[&[]], &options).is_err());
-        let none = Options { samples: 0, ..options };
+        let none = CompareOptions { samples: 0, ..options };
         assert_eq!(evaluate_points(gt, &[&points], &none).unwrap_err().kind(), ErrorKind::Config);
     }
 }

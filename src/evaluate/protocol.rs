@@ -2,7 +2,7 @@
 
 use super::column::{CD, CD_FROM_SCAN, CD_L1, CD_L2, CD_SQ_SUM, CD_SQ_TO_SCAN, Column, HD, HD_FROM_SCAN};
 use super::column::{NC, NC_NTPS};
-use super::compare::Options;
+use super::compare::CompareOptions;
 use super::sides::Frame;
 use crate::error::{Error, ErrorKind};
 use std::fmt;
@@ -78,14 +78,16 @@ impl Protocol {
     }
 
     /// Samples, frame and threshold; seed 0, no distances to triangles, with the sampling floor.
-    pub fn options(self) -> Options {
-        let base = Options::shape();
+    pub fn options(self) -> CompareOptions {
+        let base = CompareOptions::shape();
         match self {
             Protocol::Onet => base,
-            Protocol::Ntps => Options { samples: 1_000_000, gt_samples: Some(100_000), ..base },
-            Protocol::Digs => Options { samples: 1_000_000, whole_clouds: true, frame: Frame::AsIs, ..base },
+            Protocol::Ntps => CompareOptions { samples: 1_000_000, gt_samples: Some(100_000), ..base },
+            Protocol::Digs => {
+                CompareOptions { samples: 1_000_000, whole_clouds: true, frame: Frame::AsIs, ..base }
+            }
             Protocol::Sal => {
-                Options { samples: 30_000, scan_samples: Some(16_384), frame: Frame::AsIs, ..base }
+                CompareOptions { samples: 30_000, scan_samples: Some(16_384), frame: Frame::AsIs, ..base }
             }
         }
     }
@@ -131,7 +133,7 @@ mod tests {
         }
         let e = "ONet".parse::<Protocol>().unwrap_err();
         assert!(e.kind() == ErrorKind::Config && e.to_string().contains("onet, ntps, digs or sal"), "{e}");
-        assert_eq!(Protocol::default().options(), Options::default());
+        assert_eq!(Protocol::default().options(), CompareOptions::default());
     }
 
     /// Two points against two points and a scan of one, by hand.

@@ -22,6 +22,7 @@ pub enum GroundTruth<'a> {
 
 /// The frame that distances and thresholds are measured in.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Frame {
     /// The frame of the files.
     AsIs,
@@ -144,11 +145,11 @@ fn subset(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
 
     #[test]
     fn a_subset_has_no_point_twice_and_the_normals_of_its_points() {
-        let (points, normals) = Shape::Sphere { radius: 1.0 }.sample(3000, 5);
+        let (points, normals) = AnalyticShape::Sphere { radius: 1.0 }.sample(3000, 5);
         let (few, of_few) = subset(&points, Some(&normals), 1000, 1);
         for (p, n) in few.iter().zip(of_few.unwrap()) {
             let i = points.iter().position(|q| q == p).unwrap();

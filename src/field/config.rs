@@ -3,7 +3,7 @@
 /// The nonlinearity of the hidden layers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Activation {
+pub enum FieldActivation {
     /// max(z, 0), as in the authors' code.
     Relu,
     /// ln(1 + e^(beta z)) / beta: smooth, so that grad g is continuous.
@@ -26,7 +26,7 @@ pub struct FieldConfig {
     /// Angular frequency of the first octave, in radians per unit of the working frame. Default 2, paper 1.
     pub frequency: f32,
     /// Nonlinearity of the hidden layers. Default `softplus:100`, paper `relu`.
-    pub activation: Activation,
+    pub activation: FieldActivation,
     /// Hidden layer (counted from 0) that is fed the encoding again beside its input. `None` (`none`) is a plain stack
     /// of layers. Default `none`.
     pub skip: Option<usize>,
@@ -42,7 +42,7 @@ impl Default for FieldConfig {
             depth: 4,
             octaves: 3,
             frequency: 2.0,
-            activation: Activation::Softplus { beta: 100.0 },
+            activation: FieldActivation::Softplus { beta: 100.0 },
             skip: None,
             radius: 0.35,
         }

@@ -7,7 +7,7 @@
 //! an ordinary backward pass, and no higher-order tape is needed.
 
 use super::config::MAX_OCTAVES;
-use super::{Activation, FieldConfig};
+use super::{FieldActivation, FieldConfig};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, ParamId, Params};
 use crate::random::Random;
@@ -159,8 +159,8 @@ impl Field {
     /// The activation and its slope.
     fn activate(&self, tape: &mut Tape, z: Var) -> (Var, Var) {
         match self.config.activation {
-            Activation::Relu => (tape.relu(z), tape.relu_derivative(z)),
-            Activation::Softplus { beta } => tape.softplus_and_derivative(z, beta),
+            FieldActivation::Relu => (tape.relu(z), tape.relu_derivative(z)),
+            FieldActivation::Softplus { beta } => tape.softplus_and_derivative(z, beta),
         }
     }
 
@@ -274,7 +274,7 @@ mod tests {
     }
 
     fn small(skip: Option<usize>, octaves: usize, offset: bool, seed: u64) -> Field {
-        let activation = Activation::Softplus { beta: 4.0 };
+        let activation = FieldActivation::Softplus { beta: 4.0 };
         let config =
             FieldConfig { width: 9, depth: 3, octaves, frequency: 1.5, activation, skip, radius: 0.4 };
         let mut field = Field::build(config, offset, &mut Random::new(seed));
@@ -385,7 +385,7 @@ mod tests {
                 depth,
                 octaves: 3,
                 frequency: 1.0,
-                activation: Activation::Softplus { beta: 100.0 },
+                activation: FieldActivation::Softplus { beta: 100.0 },
                 skip,
                 radius: 0.35,
             };

@@ -105,7 +105,7 @@ impl Field {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::{Activation, FieldConfig};
+    use crate::field::{FieldActivation, FieldConfig};
     use crate::ops::testing::{check, normal};
     use crate::random::Random;
     use proptest::prelude::*;
@@ -116,7 +116,7 @@ mod tests {
             depth: 3,
             octaves,
             frequency: 1.5,
-            activation: Activation::Softplus { beta: 4.0 },
+            activation: FieldActivation::Softplus { beta: 4.0 },
             skip: skip.then_some(2),
             radius: 0.4,
         };

@@ -10,7 +10,7 @@ mod rows;
 mod values;
 
 pub(crate) use config::octave_factor;
-pub use config::{Activation, FieldConfig};
+pub use config::{FieldActivation, FieldConfig};
 pub use field::{Field, FieldVars};
 pub use fused::FieldMemory;
 pub(crate) use pass::FieldPass;

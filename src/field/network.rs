@@ -16,7 +16,7 @@ mod tests;
 use super::rows::{
     back_through_activation, back_through_slope, copy_columns, join, multiply, relu_rows, softplus_rows,
 };
-use super::{Activation, Field, FieldConfig};
+use super::{Field, FieldActivation, FieldConfig};
 use crate::simd::sin_cos_slice;
 use crate::tensor::{Base, MatRef, Panels, add_row_sums, gemm_panels_serial, gemm_serial};
 use std::f32::consts::FRAC_1_SQRT_2;
@@ -216,8 +216,8 @@ impl Block {
                 let (out, slope) = (of_rows_mut(out, &rows, c), of_rows_mut(slope, &rows, c));
                 product(out, c, of_rows(input, &rows, weight.rows()), weight.rows(), &weights.straight[l]);
                 match config.activation {
-                    Activation::Softplus { beta } => softplus_rows(out, slope, bias.data(), beta),
-                    Activation::Relu => relu_rows(out, slope, bias.data()),
+                    FieldActivation::Softplus { beta } => softplus_rows(out, slope, bias.data(), beta),
+                    FieldActivation::Relu => relu_rows(out, slope, bias.data()),
                 }
             }
         }
@@ -321,8 +321,8 @@ impl Block {
         let config = field.config();
         let (n, c, e) = (self.rows, config.width, config.encoding_cols());
         let beta = match config.activation {
-            Activation::Softplus { beta } => beta,
-            Activation::Relu => 0.0,
+            FieldActivation::Softplus { beta } => beta,
+            FieldActivation::Relu => 0.0,
         };
         // Back through the adjoint sweep, from the encoding up.
         let at_encoding = room(&mut scratch.encoding, n * e);

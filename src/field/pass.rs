@@ -150,12 +150,12 @@ fn fold(total: &mut [f32], gradients: &[Vec<f32>]) {
 mod tests {
     use super::*;
     use crate::autodiff::Tape;
-    use crate::field::{Activation, FieldConfig};
+    use crate::field::{FieldActivation, FieldConfig};
     use crate::ops::testing::normal;
     use crate::random::Random;
     use crate::tensor::Tensor;
 
-    fn field(activation: Activation) -> Field {
+    fn field(activation: FieldActivation) -> Field {
         let config = FieldConfig {
             width: 9,
             depth: 3,
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn blocks_equal_one_tape_with_and_without_memory() {
-        let field = field(Activation::Softplus { beta: 4.0 });
+        let field = field(FieldActivation::Softplus { beta: 4.0 });
         let rows = field.block_rows();
         let n = 2 * rows + 17;
         let (x, d) = (points(n, 9), seeds(n));
@@ -227,7 +227,7 @@ mod tests {
 
     #[test]
     fn a_repeated_pass_grows_no_buffer_and_repeats_its_bits() {
-        let field = field(Activation::Relu);
+        let field = field(FieldActivation::Relu);
         let (x, d) = (points(700, 2), seeds(700));
         let mut pass = FieldPass::default();
         let mut first: Option<[Vec<f32>; 2]> = None;

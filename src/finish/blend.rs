@@ -120,7 +120,7 @@ struct LocalTrust {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, fibonacci_sphere};
 
     const RADIUS: f32 = 0.45;
 
@@ -179,7 +179,8 @@ mod tests {
     /// Along lines through the points' surroundings, where the points that are nearest change.
     #[test]
     fn the_blend_is_continuous() {
-        let (points, normals) = Shape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.02 }.sample(150, 3);
+        let (points, normals) =
+            AnalyticShape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.02 }.sample(150, 3);
         let blend = PlateBlend::fit(&points, &normals).unwrap();
         for line in 0..20 {
             let from = points[7 * line];
@@ -198,7 +199,8 @@ mod tests {
 
     #[test]
     fn the_plate_is_doubted_at_edges() {
-        let (points, normals) = Shape::RoundedBox { half: [0.5, 0.4, 0.3], round: 0.005 }.sample(250, 3);
+        let (points, normals) =
+            AnalyticShape::RoundedBox { half: [0.5, 0.4, 0.3], round: 0.005 }.sample(250, 3);
         let blend = PlateBlend::fit(&points, &normals).unwrap();
         let doubt = |near: bool| {
             // Within 0.08 of an edge two coordinates are near their ends.

@@ -116,10 +116,10 @@ fn directions(gradients: &[[f32; 3]]) -> Vec<[f32; 3]> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
 
     /// A field that is the distance to a shape, less a slow wave of a sixth of the distance between 300 points.
-    fn wavy(shape: Shape, x: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
+    fn wavy(shape: AnalyticShape, x: &[[f32; 3]]) -> (Vec<f32>, Vec<[f32; 3]>) {
         let value = |x: [f32; 3]| shape.sdf(x) + 0.012 * (6.0 * x[0] + 4.0 * x[2]).sin();
         let slope = |x: &[f32; 3]| {
             std::array::from_fn(|k| {
@@ -141,8 +141,8 @@ mod tests {
     #[test]
     fn a_finished_field_is_near_the_surface_at_the_points_and_between_them() {
         for (shape, share) in [
-            (Shape::Torus { major: 0.34, minor: 0.14 }, 0.15),
-            (Shape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.02 }, 0.35),
+            (AnalyticShape::Torus { major: 0.34, minor: 0.14 }, 0.15),
+            (AnalyticShape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.02 }, 0.35),
         ] {
             // 300 points have one plate, 600 have several.
             for n in [300, 600] {
@@ -163,7 +163,7 @@ mod tests {
 
     #[test]
     fn what_is_right_stays_so() {
-        let shape = Shape::Sphere { radius: 0.45 };
+        let shape = AnalyticShape::Sphere { radius: 0.45 };
         let points = shape.sample(200, 3).0;
         let exact = |x: &[[f32; 3]]| -> (Vec<f32>, Vec<[f32; 3]>) {
             let unit = |p: &[f32; 3]| {
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn places_that_no_search_takes_keep_their_values() {
-        let shape = Shape::Sphere { radius: 0.45 };
+        let shape = AnalyticShape::Sphere { radius: 0.45 };
         let points = shape.sample(100, 3).0;
         let (values, gradients) = wavy(shape, &points);
         let finish = Finish::fit(&points, &values, &gradients).unwrap();

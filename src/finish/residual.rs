@@ -210,7 +210,7 @@ kernel! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
     use crate::simd::testing::{rows, same_at_all};
     use proptest::prelude::*;
 
@@ -224,7 +224,7 @@ mod tests {
     /// By the definition, with the whole system in nalgebra.
     #[test]
     fn is_the_mean_of_the_gaussian_process() {
-        let (points, normals) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(90, 3);
+        let (points, normals) = AnalyticShape::Torus { major: 0.34, minor: 0.14 }.sample(90, 3);
         let values: Vec<f32> = points.iter().map(|p| 0.01 * (9.0 * p[0]).sin()).collect();
         let residual = Residual::fit(&points, &normals, &values).unwrap();
         let mut spacing = neighbour_spacing(&points);
@@ -241,7 +241,7 @@ mod tests {
         });
         let right = nalgebra::DVector::from_fn(90, |i, _| f64::from(values[i]));
         let weights = system.lu().solve(&right).unwrap();
-        let (probes, turned) = Shape::Torus { major: 0.3, minor: 0.1 }.sample(40, 4);
+        let (probes, turned) = AnalyticShape::Torus { major: 0.3, minor: 0.1 }.sample(40, 4);
         for ((x, n), got) in probes.iter().zip(&turned).zip(residual.at(&probes, &turned)) {
             let want: f64 = (0..90).map(|i| weights[i] * phi(apart((x, n), each[i]))).sum();
             assert!((f64::from(got) - want).abs() < 1e-6, "{got} is not {want}");
@@ -250,7 +250,7 @@ mod tests {
 
     #[test]
     fn by_pairs_within_the_reach_it_is_what_it_is_as_a_whole() {
-        let shape = Shape::RoundedBox { half: [0.5, 0.4, 0.03], round: 0.02 };
+        let shape = AnalyticShape::RoundedBox { half: [0.5, 0.4, 0.03], round: 0.02 };
         let (points, normals) = shape.sample(MAX_WHOLE_POINTS + 200, 3);
         let values: Vec<f32> = points.iter().map(|p| 0.004 * (9.0 * p[0] - 20.0 * p[1]).sin()).collect();
         let by_pairs = Residual::fit(&points, &normals, &values).unwrap();

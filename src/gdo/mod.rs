@@ -6,4 +6,3 @@ mod samples;
 
 pub use deform::{Deformation, deform};
 pub(crate) use samples::FaceSamples;
-pub use samples::sample_faces;

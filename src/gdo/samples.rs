@@ -5,21 +5,6 @@ use crate::geometry::cumulative_areas;
 use crate::random::Random;
 use rand::RngExt;
 
-/// `count` points on the faces (f x 3) of a mesh with vertices v x 3, to count x 3.
-///
-/// The faces are chosen in proportion to their area, at places spread along the cumulative area, so that the samples
-/// are more even than independent ones; the place in a face is uniform. Without area all lie on the first face.
-///
-/// Gradient: to the vertices, by the barycentric coordinates; faces and coordinates are constant.
-///
-/// # Panics
-/// If there is no face, or a face names a vertex that is not there.
-#[track_caller]
-pub fn sample_faces(tape: &mut Tape, verts: Var, faces: &[[u32; 3]], count: usize, rng: &mut Random) -> Var {
-    let samples = FaceSamples::draw(&tape.value(verts).to_points(), faces, count, rng);
-    samples.on(tape, verts)
-}
-
 /// Points on the faces of a mesh, as faces and barycentric coordinates: they stay on the mesh when its vertices move.
 #[derive(Clone, Debug)]
 pub(crate) struct FaceSamples {
@@ -28,13 +13,16 @@ pub(crate) struct FaceSamples {
 }
 
 impl FaceSamples {
-    /// Chooses `count` points as [`sample_faces`] does, for vertices as they are now.
+    /// Chooses `count` points on the faces (f x 3) of a mesh with vertices v x 3.
+    ///
+    /// The faces are chosen in proportion to their area, at places spread along the cumulative area, so that the samples
+    /// are more even than independent ones; the place in a face is uniform. Without area all lie on the first face.
     ///
     /// # Panics
     /// If there is no face, or a face names a vertex that is not there.
     #[track_caller]
     pub(crate) fn draw(verts: &[[f32; 3]], faces: &[[u32; 3]], count: usize, rng: &mut Random) -> Self {
-        assert!(!faces.is_empty(), "sample_faces: no faces");
+        assert!(!faces.is_empty(), "samples: no faces");
         let ends = cumulative_areas(verts, faces);
         let total = ends[ends.len() - 1];
         let mut corners: [(Vec<u32>, Vec<f32>); 3] =
@@ -54,6 +42,8 @@ impl FaceSamples {
     }
 
     /// Their places, count x 3, for vertices v x 3 on a tape.
+    ///
+    /// Gradient: to the vertices, by the barycentric coordinates; faces and coordinates are constant.
     pub(crate) fn on(self, tape: &mut Tape, verts: Var) -> Var {
         tape.blend_rows(verts, self.corners)
     }
@@ -62,6 +52,13 @@ impl FaceSamples {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    /// Samples drawn on the vertices as they are, on the tape.
+    fn sample_faces(tape: &mut Tape, verts: Var, faces: &[[u32; 3]], count: usize, rng: &mut Random) -> Var {
+        let at = tape.value(verts).to_points();
+        FaceSamples::draw(&at, faces, count, rng).on(tape, verts)
+    }
+
     use crate::ops::testing::{check, normal};
     use crate::tensor::Tensor;
     use proptest::prelude::*;

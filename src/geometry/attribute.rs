@@ -2,6 +2,7 @@
 
 /// The type that numbers have in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[non_exhaustive]
 pub enum Number {
     /// A signed integer of 8 bits.
     I8,

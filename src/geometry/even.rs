@@ -161,7 +161,7 @@ fn around(occupied: &[u64], [x, y, z]: [i64; 3]) -> usize {
 mod tests {
     use super::*;
     use crate::geometry::vec3::distance;
-    use crate::geometry::{KdTree, Shape};
+    use crate::geometry::{AnalyticShape, KdTree};
     use proptest::prelude::*;
 
     /// Rings on a plane as a spinning scanner leaves them, 0.05 apart, the points 0.002 apart along them.
@@ -206,9 +206,9 @@ mod tests {
     #[test]
     fn what_is_sampled_at_random_stays() {
         let shapes = [
-            Shape::Sphere { radius: 0.4 },
-            Shape::Torus { major: 0.3, minor: 0.1 },
-            Shape::RoundedBox { half: [0.5, 0.4, 0.02], round: 0.005 },
+            AnalyticShape::Sphere { radius: 0.4 },
+            AnalyticShape::Torus { major: 0.3, minor: 0.1 },
+            AnalyticShape::RoundedBox { half: [0.5, 0.4, 0.02], round: 0.005 },
         ];
         for shape in shapes {
             for n in [20, 300, 5000] {

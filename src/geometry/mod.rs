@@ -37,7 +37,7 @@ pub use position::{Position, about, are_f32, widened};
 pub(crate) use ranks::{median, quantile, ranked};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
-pub use shapes::Shape;
+pub use shapes::AnalyticShape;
 pub(crate) use spacing::{nearest_distances, neighbour_spacing};
 pub use sphere::fibonacci_sphere;
 pub use thin::thin_cloud;

@@ -14,10 +14,10 @@ const STEP: f64 = 1e-5;
 
 /// A closed surface given by a formula, centred at the origin.
 ///
-/// Sizes are in the frame's units; the shapes of [`Shape::gallery`] have a longest side of about 1.
+/// Sizes are in the frame's units; the shapes of [`AnalyticShape::gallery`] have a longest side of about 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
-pub enum Shape {
+pub enum AnalyticShape {
     /// A sphere.
     Sphere {
         /// Its radius.
@@ -63,16 +63,16 @@ pub enum Shape {
     },
 }
 
-impl Shape {
+impl AnalyticShape {
     /// One of each kind with its name, in a box of longest side about 1.
-    pub fn gallery() -> [(&'static str, Shape); 6] {
+    pub fn gallery() -> [(&'static str, AnalyticShape); 6] {
         [
-            ("sphere", Shape::Sphere { radius: 0.5 }),
-            ("torus", Shape::Torus { major: 0.36, minor: 0.14 }),
-            ("double-torus", Shape::DoubleTorus { major: 0.19, minor: 0.08, blend: 0.06 }),
-            ("linked-tori", Shape::LinkedTori { major: 0.28, minor: 0.08 }),
-            ("two-spheres", Shape::TwoSpheres { radius: 0.22, distance: 0.56 }),
-            ("rounded-box", Shape::RoundedBox { half: [0.5, 0.35, 0.25], round: 0.08 }),
+            ("sphere", AnalyticShape::Sphere { radius: 0.5 }),
+            ("torus", AnalyticShape::Torus { major: 0.36, minor: 0.14 }),
+            ("double-torus", AnalyticShape::DoubleTorus { major: 0.19, minor: 0.08, blend: 0.06 }),
+            ("linked-tori", AnalyticShape::LinkedTori { major: 0.28, minor: 0.08 }),
+            ("two-spheres", AnalyticShape::TwoSpheres { radius: 0.22, distance: 0.56 }),
+            ("rounded-box", AnalyticShape::RoundedBox { half: [0.5, 0.35, 0.25], round: 0.08 }),
         ]
     }
 
@@ -81,10 +81,10 @@ impl Shape {
     /// For sizes that keep the parts apart and the holes open, as the fields ask.
     pub fn euler_characteristic(&self) -> i64 {
         match *self {
-            Shape::Sphere { .. } | Shape::RoundedBox { .. } => 2,
-            Shape::Torus { .. } | Shape::LinkedTori { .. } => 0,
-            Shape::DoubleTorus { .. } => -2,
-            Shape::TwoSpheres { radius, distance } => 2 + 2 * i64::from(distance > 2.0 * radius),
+            AnalyticShape::Sphere { .. } | AnalyticShape::RoundedBox { .. } => 2,
+            AnalyticShape::Torus { .. } | AnalyticShape::LinkedTori { .. } => 0,
+            AnalyticShape::DoubleTorus { .. } => -2,
+            AnalyticShape::TwoSpheres { radius, distance } => 2 + 2 * i64::from(distance > 2.0 * radius),
         }
     }
 
@@ -149,9 +149,9 @@ impl Shape {
         let [x, y, z] = p;
         let torus = |x: f64, y: f64, z: f64, major: f64, minor: f64| (x.hypot(y) - major).hypot(z) - minor;
         match *self {
-            Shape::Sphere { radius } => length(p) - radius,
-            Shape::Torus { major, minor } => torus(x, y, z, major, minor),
-            Shape::DoubleTorus { major, minor, blend } => {
+            AnalyticShape::Sphere { radius } => length(p) - radius,
+            AnalyticShape::Torus { major, minor } => torus(x, y, z, major, minor),
+            AnalyticShape::DoubleTorus { major, minor, blend } => {
                 let shift = major + 0.5 * minor;
                 let a = torus(x + shift, y, z, major, minor);
                 let b = torus(x - shift, y, z, major, minor);
@@ -159,15 +159,15 @@ impl Shape {
                 let h = (blend - (a - b).abs()).max(0.0);
                 a.min(b) - if h > 0.0 { h * h / (4.0 * blend) } else { 0.0 }
             }
-            Shape::LinkedTori { major, minor } => {
+            AnalyticShape::LinkedTori { major, minor } => {
                 let shift = 0.5 * major;
                 torus(x + shift, y, z, major, minor).min(torus(x - shift, z, y, major, minor))
             }
-            Shape::TwoSpheres { radius, distance } => {
+            AnalyticShape::TwoSpheres { radius, distance } => {
                 let x = x.abs() - 0.5 * distance;
                 length([x, y, z]) - radius
             }
-            Shape::RoundedBox { half, round } => {
+            AnalyticShape::RoundedBox { half, round } => {
                 let q: [f64; 3] = std::array::from_fn(|a| p[a].abs() - (half[a] - round));
                 let out = q.map(|x| x.max(0.0));
                 length(out) + q[0].max(q[1]).max(q[2]).min(0.0) - round
@@ -187,14 +187,14 @@ impl Shape {
     /// Half the sides of a box around the surface.
     fn half_size(&self) -> [f64; 3] {
         match *self {
-            Shape::Sphere { radius } => [radius; 3],
-            Shape::Torus { major, minor } => [major + minor, major + minor, minor],
-            Shape::DoubleTorus { major, minor, blend } => {
+            AnalyticShape::Sphere { radius } => [radius; 3],
+            AnalyticShape::Torus { major, minor } => [major + minor, major + minor, minor],
+            AnalyticShape::DoubleTorus { major, minor, blend } => {
                 [2.0 * major + 1.5 * minor + blend, major + minor + blend, minor + blend]
             }
-            Shape::LinkedTori { major, minor } => [1.5 * major + minor, major + minor, major + minor],
-            Shape::TwoSpheres { radius, distance } => [radius + 0.5 * distance, radius, radius],
-            Shape::RoundedBox { half, .. } => half,
+            AnalyticShape::LinkedTori { major, minor } => [1.5 * major + minor, major + minor, major + minor],
+            AnalyticShape::TwoSpheres { radius, distance } => [radius + 0.5 * distance, radius, radius],
+            AnalyticShape::RoundedBox { half, .. } => half,
         }
     }
 }
@@ -207,22 +207,22 @@ mod tests {
 
     #[test]
     fn hand_checked_distances() {
-        assert_eq!(Shape::Sphere { radius: 0.5 }.sdf([0.0, 0.0, 1.0]), 0.5);
-        assert_eq!(Shape::Torus { major: 0.5, minor: 0.25 }.sdf([0.0; 3]), 0.25);
-        assert_eq!(Shape::Torus { major: 0.5, minor: 0.25 }.sdf([0.5, 0.0, 0.0]), -0.25);
-        let b = Shape::RoundedBox { half: [0.5, 0.25, 0.25], round: 0.125 };
+        assert_eq!(AnalyticShape::Sphere { radius: 0.5 }.sdf([0.0, 0.0, 1.0]), 0.5);
+        assert_eq!(AnalyticShape::Torus { major: 0.5, minor: 0.25 }.sdf([0.0; 3]), 0.25);
+        assert_eq!(AnalyticShape::Torus { major: 0.5, minor: 0.25 }.sdf([0.5, 0.0, 0.0]), -0.25);
+        let b = AnalyticShape::RoundedBox { half: [0.5, 0.25, 0.25], round: 0.125 };
         assert_eq!(b.sdf([1.0, 0.0, 0.0]), 0.5);
         assert_eq!(b.sdf([0.0; 3]), -0.25);
-        assert_eq!(Shape::TwoSpheres { radius: 0.25, distance: 1.0 }.sdf([0.0; 3]), 0.25);
+        assert_eq!(AnalyticShape::TwoSpheres { radius: 0.25, distance: 1.0 }.sdf([0.0; 3]), 0.25);
         // The middle of either hole is in the middle of the other tube: they are linked.
         for x in [-0.25, 0.25] {
-            assert_eq!(Shape::LinkedTori { major: 0.5, minor: 0.125 }.sdf([x, 0.0, 0.0]), -0.125);
+            assert_eq!(AnalyticShape::LinkedTori { major: 0.5, minor: 0.125 }.sdf([x, 0.0, 0.0]), -0.125);
         }
     }
 
     #[test]
     fn samples_lie_on_the_surface_with_its_normals() {
-        for (name, shape) in Shape::gallery() {
+        for (name, shape) in AnalyticShape::gallery() {
             let (points, normals) = shape.sample(2000, 7);
             let b = Bounds::of(&points).unwrap();
             assert!((0.9..1.05).contains(&b.longest()), "{name} is {} long", b.longest());
@@ -232,7 +232,7 @@ mod tests {
                 // A short step along the normal changes the distance by its length.
                 for t in [-0.02f32, 0.02] {
                     let q = std::array::from_fn(|a| p[a] + t * n[a]);
-                    let tol = if matches!(shape, Shape::DoubleTorus { .. }) { 0.01 } else { 1e-5 };
+                    let tol = if matches!(shape, AnalyticShape::DoubleTorus { .. }) { 0.01 } else { 1e-5 };
                     assert!((shape.sdf(q) - t).abs() < tol, "{name}: {} for {t}", shape.sdf(q));
                 }
             }
@@ -241,7 +241,7 @@ mod tests {
 
     #[test]
     fn distance_is_that_to_the_nearest_surface_point() {
-        for (name, shape) in Shape::gallery() {
+        for (name, shape) in AnalyticShape::gallery() {
             let (points, _) = shape.sample(20_000, 1);
             let tree = KdTree::new(&points);
             let mut rng = ChaCha8Rng::seed_from_u64(2);
@@ -250,7 +250,7 @@ mod tests {
                 let near = tree.nearest(q).1.sqrt();
                 let d = shape.sdf(q).abs();
                 assert!(d <= near + 1e-5, "{name} at {q:?}: {d} but a point at {near}");
-                let slack = if matches!(shape, Shape::DoubleTorus { .. }) { 0.035 } else { 0.02 };
+                let slack = if matches!(shape, AnalyticShape::DoubleTorus { .. }) { 0.035 } else { 0.02 };
                 assert!(near < d + slack, "{name} at {q:?}: {d} but nothing nearer than {near}");
             }
         }
@@ -259,7 +259,7 @@ mod tests {
     #[test]
     fn torus_samples_are_area_uniform() {
         let (major, minor) = (0.36, 0.14);
-        let (points, _) = Shape::Torus { major, minor }.sample(20_000, 3);
+        let (points, _) = AnalyticShape::Torus { major, minor }.sample(20_000, 3);
         let outer = points.iter().filter(|p| f64::from(p[0].hypot(p[1])) > major).count() as f64;
         // The outer half holds 1/2 + minor / (pi major) of the area; three standard deviations are 0.0103.
         let want = 0.5 + minor / (PI * major);
@@ -270,7 +270,7 @@ mod tests {
 
     #[test]
     fn seed_decides_and_threads_do_not() {
-        let shape = Shape::gallery()[2].1;
+        let shape = AnalyticShape::gallery()[2].1;
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| shape.sample(2000, 9))
@@ -281,8 +281,8 @@ mod tests {
 
     #[test]
     fn euler_characteristics() {
-        let all = Shape::gallery().map(|(_, s)| s.euler_characteristic());
+        let all = AnalyticShape::gallery().map(|(_, s)| s.euler_characteristic());
         assert_eq!(all, [2, 0, -2, 0, 4, 2]);
-        assert_eq!(Shape::TwoSpheres { radius: 0.3, distance: 0.2 }.euler_characteristic(), 2);
+        assert_eq!(AnalyticShape::TwoSpheres { radius: 0.3, distance: 0.2 }.euler_characteristic(), 2);
     }
 }

@@ -44,6 +44,7 @@ mod format;
 mod glb;
 mod grid;
 mod las;
+mod loaded;
 mod npy;
 mod npz;
 mod number;
@@ -76,6 +77,7 @@ pub use write::{
 };
 
 use choose::{choose, unpacked};
+use loaded::{Loaded, MAX_ATTRIBUTES, NORMAL_NAMES, Want};
 use precision::{check_range, coarse_floats, round_to_floats};
 
 /// The points of a file and what the reader left out.
@@ -252,58 +254,6 @@ pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMes
     check_range(&loaded.verts, "vertex")?;
     round_to_floats(&mut loaded.verts, false);
     Ok(TriangleMesh { verts: loaded.verts, faces: loaded.faces })
-}
-
-/// What is of interest.
-#[derive(Clone, Copy, PartialEq, Eq)]
-enum Want {
-    /// Points; rows that hold none may stay in (not finite), to be left out later.
-    Cloud,
-    /// As `Cloud`, with what else the file has of each point.
-    Attributes,
-    /// Points; a row that holds none is an error.
-    EveryRow,
-    /// Vertices and faces; every vertex must be finite.
-    Mesh,
-}
-
-/// The names of a normal's components.
-const NORMAL_NAMES: [&str; 3] = ["nx", "ny", "nz"];
-
-/// Attributes of a NumPy or VTK file that are read at most: such files may hold any number of columns.
-const MAX_ATTRIBUTES: usize = 64;
-
-/// What a reader hands back.
-#[derive(Default)]
-struct Loaded {
-    /// Positions, v x 3, finite unless a cloud is wanted.
-    verts: Vec<[f64; 3]>,
-    /// Normals, v x 3 or none, finite or not.
-    normals: Vec<[f32; 3]>,
-    /// Indices, f x 3, not yet checked against v.
-    faces: Vec<[u32; 3]>,
-    /// What else the file has of each vertex, v values each.
-    attributes: Vec<Attribute>,
-    /// As [`PointCloud::viewpoints`].
-    viewpoints: Vec<[f64; 3]>,
-    /// Faces that the file has beside the points that are wanted.
-    ignored_faces: u64,
-    /// Rows without a point that the reader itself passed over.
-    left_out: usize,
-    /// As [`PointCloud::notices`].
-    notices: Vec<String>,
-    /// As [`PointCloud::warnings`].
-    warnings: Vec<String>,
-}
-
-impl Loaded {
-    /// Says that faces are not read.
-    fn ignore_faces(&mut self, faces: u64) {
-        if faces > 0 {
-            self.ignored_faces = faces;
-            self.notices.push(format!("ignored {faces} faces; their vertices are the points"));
-        }
-    }
 }
 
 /// How to read a file of which nothing is known but its name.

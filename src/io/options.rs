@@ -48,6 +48,7 @@ pub struct ReadOptions {
 
 /// The columns of x, y and z.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub enum Columns {
     /// Their numbers, counted from 1.
     Numbers([usize; 3]),

@@ -197,7 +197,7 @@ fn spread(bytes: &[u8], raw: RawLayout) -> Option<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
 
     fn scan(rows: &[[f32; 4]]) -> Vec<u8> {
         rows.iter().flatten().flat_map(|x| x.to_le_bytes()).collect()
@@ -214,7 +214,7 @@ mod tests {
 
     /// Rows with what a laser scan has behind its coordinates.
     fn rows(columns: usize, n: usize) -> Vec<u8> {
-        let points = Shape::Torus { major: 1.0, minor: 0.4 }.sample(n, 3).0;
+        let points = AnalyticShape::Torus { major: 1.0, minor: 0.4 }.sample(n, 3).0;
         let more = |i: usize, c: usize| match (columns, c) {
             (4 | 5, 3) => odd(i, 1),
             (5, _) => (i % 32) as f32,
@@ -250,7 +250,7 @@ mod tests {
                 assert_eq!(read(&bytes, &options, Want::Cloud).unwrap().verts.len(), n);
             }
         }
-        let doubles: Vec<u8> = Shape::Sphere { radius: 1.0 }
+        let doubles: Vec<u8> = AnalyticShape::Sphere { radius: 1.0 }
             .sample(100, 1)
             .0
             .as_flattened()

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 /// Which memory rows a query attends to.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub enum Reach {
     /// All m of them: the cost is n m c.
     All,

@@ -1,7 +1,7 @@
 //! What the tests of the layers share.
 
 use super::{Bound, Params, Scope};
-use crate::autodiff::check::{Options, gradient};
+use crate::autodiff::check::{CheckOptions, gradient};
 use crate::autodiff::{Tape, Var};
 use crate::ops::testing::normal;
 use crate::random::Random;
@@ -43,7 +43,7 @@ impl<L, F: Fn(&L, &mut Tape, &Bound, &[Var]) -> Var> Layer<L, F> {
             (self.forward)(&self.layer, t, &Bound::new(x[cut..].to_vec()), &x[..cut])
         };
         // A layer has many ReLUs; a short step keeps most directions clear of all their kinks.
-        let options = Options { seed, step: 2e-3, ..Options::default() };
+        let options = CheckOptions { seed, step: 2e-3, ..CheckOptions::default() };
         if let Err(failure) = gradient(f, &all, options) {
             panic!("{failure}; inputs, then {:?}", self.params.names().collect::<Vec<_>>());
         }

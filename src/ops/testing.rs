@@ -1,6 +1,6 @@
 //! What the gradient checks of the operations share.
 
-use crate::autodiff::check::{Failure, Options, gradient};
+use crate::autodiff::check::{CheckOptions, Failure, gradient};
 use crate::autodiff::{Tape, Var};
 use crate::simd::testing::same_at_all;
 use crate::tensor::Tensor;
@@ -36,7 +36,7 @@ pub(crate) fn check(f: impl Fn(&mut Tape, &[Var]) -> Var, inputs: &[Tensor], see
     let mut moved = inputs.to_vec();
     let mut rng = ChaCha8Rng::seed_from_u64(seed ^ 0x6b69_6e6b);
     for left in (0..=8).rev() {
-        let failure = match gradient(&f, &moved, Options { seed, ..Options::default() }) {
+        let failure = match gradient(&f, &moved, CheckOptions { seed, ..CheckOptions::default() }) {
             // The last inputs will do with one direction.
             Ok(compared) if compared >= MIN_COMPARED || left == 0 => return,
             Ok(_) => None,

@@ -7,6 +7,7 @@ use std::sync::Arc;
 
 /// The constants of [`Adam`].
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct AdamOptions {
     /// Decay of the mean of gradients.
     pub beta1: f64,

@@ -127,7 +127,7 @@ struct Gap {
 mod tests {
     use super::super::tests::{at_training, poison, quick};
     use super::*;
-    use crate::geometry::{NarrowBandOptions, Shape, TetGrid, extract, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract, fibonacci_sphere};
     use crate::reconstruct::Trainer;
     use proptest::prelude::*;
 
@@ -219,7 +219,7 @@ mod tests {
 
     #[test]
     fn bridges_join_what_would_be_apart() {
-        let points = Shape::TwoSpheres { radius: 0.21, distance: 0.58 }.sample(250, 3).0;
+        let points = AnalyticShape::TwoSpheres { radius: 0.21, distance: 0.58 }.sample(250, 3).0;
         let parts = |bridges: Bridges| {
             // With the usual weight so short a run ends at the border between one part and two.
             let mut config = quick();
@@ -242,7 +242,7 @@ mod tests {
 
     #[test]
     fn a_recovery_to_before_a_look_looks_again() {
-        let points = Shape::TwoSpheres { radius: 0.21, distance: 0.48 }.sample(250, 3).0;
+        let points = AnalyticShape::TwoSpheres { radius: 0.21, distance: 0.48 }.sample(250, 3).0;
         let mut trainer = at_training(&points, &quick());
         let train_step = |trainer: &Trainer| trainer.config().phase_at(trainer.steps_done()).1;
         let until = |trainer: &mut Trainer, step: usize| {

@@ -6,7 +6,7 @@ use crate::geometry::{Normalizer, Position};
 
 /// Axes that are stretched, and then the map that centres the points and makes their longest side 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub(super) struct Frame {
+pub(super) struct WorkingFrame {
     normalizer: Normalizer,
     /// What the coordinates of the input are multiplied by; ones as a rule.
     stretch: [f64; 3],
@@ -18,7 +18,7 @@ const MAX_STRETCH: f64 = 1000.0;
 /// Lengths of a gradient, of a distance's 1, between which it begins to tell a way.
 const SHORT: [f64; 2] = [0.25, 0.75];
 
-impl Frame {
+impl WorkingFrame {
     /// The frame of `points` (n x 3), their axes stretched.
     ///
     /// # Errors
@@ -35,13 +35,13 @@ impl Frame {
                 ));
         }
         let stretched: Vec<[f64; 3]> = points.iter().map(|p| times(*p, stretch)).collect();
-        Ok(Frame { normalizer: Normalizer::of(&stretched)?, stretch })
+        Ok(WorkingFrame { normalizer: Normalizer::of(&stretched)?, stretch })
     }
 
     /// The same from the parts that were saved.
     #[cfg(feature = "checkpoint")]
     pub fn of_parts(normalizer: Normalizer, stretch: [f64; 3]) -> Self {
-        Frame { normalizer, stretch }
+        WorkingFrame { normalizer, stretch }
     }
 
     #[cfg(feature = "checkpoint")]

@@ -1,18 +1,18 @@
 //! What may be known of a cloud beside its points.
 
-use super::frame::Frame;
+use super::frame::WorkingFrame;
 use crate::geometry::Position;
 use crate::geometry::vec3::length;
 
 /// What a run is told beside points and options.
 ///
 /// ```
-/// use bijective_sdf::geometry::Shape;
+/// use bijective_sdf::geometry::AnalyticShape;
 /// use bijective_sdf::reconstruct::Hints;
 /// use bijective_sdf::{Config, Preset, Trainer};
 ///
 /// // A ball seen from within, as a room is: its normals point to where the scanner stood.
-/// let (points, normals) = Shape::Sphere { radius: 2.0 }.sample(150, 1);
+/// let (points, normals) = AnalyticShape::Sphere { radius: 2.0 }.sample(150, 1);
 /// let inward: Vec<[f32; 3]> = normals.iter().map(|n| n.map(|x| -x)).collect();
 /// let hints = Hints { normals: Some(&inward), ..Hints::default() };
 /// let room = Trainer::with_hints(&points, &Config::preset(Preset::Start), &hints)?.finish();
@@ -20,6 +20,7 @@ use crate::geometry::vec3::length;
 /// # Ok::<(), bijective_sdf::Error>(())
 /// ```
 #[derive(Clone, Copy, Debug, Default)]
+#[non_exhaustive]
 pub struct Hints<'a> {
     /// Normals at the points, n x 3, outward, of any length; one that is zero or not finite says nothing. They decide
     /// inside and outside for the first shape and need not be exact: those of a surface seen from one side only, or of
@@ -33,7 +34,7 @@ pub struct Hints<'a> {
 
 impl Hints<'_> {
     /// The normals of the points that are `kept` (their numbers), in the working frame, of unit length or zero.
-    pub(super) fn unit_normals(&self, kept: &[u32], frame: &Frame) -> Option<Vec<[f32; 3]>> {
+    pub(super) fn unit_normals(&self, kept: &[u32], frame: &WorkingFrame) -> Option<Vec<[f32; 3]>> {
         let normals = self.normals?;
         let unit = |i: &u32| {
             let wide = frame.normal(normals[*i as usize].wide());

@@ -3,7 +3,7 @@
 use super::Config;
 use super::far::{self, radius, share};
 use super::final_shape::{FinalShape, zero_level_set};
-use super::frame::Frame;
+use super::frame::WorkingFrame;
 use crate::bsp::Coverage;
 use crate::error::Error;
 use crate::finish::Finish;
@@ -22,7 +22,7 @@ use rayon::prelude::*;
 #[derive(Clone, Debug)]
 pub struct Reconstruction {
     pub(super) config: Config,
-    pub(super) frame: Frame,
+    pub(super) frame: WorkingFrame,
     /// Distinct points, input frame.
     pub(super) cloud: Vec<[f64; 3]>,
     pub(super) shape: FinalShape,
@@ -282,7 +282,7 @@ impl Reconstruction {
 mod tests {
     use super::super::tests::{ball, quick, run, tiny};
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
     use crate::reconstruct::{Finishing, Preset, Trainer};
 
     #[test]
@@ -293,7 +293,7 @@ mod tests {
             let mean =
                 |values: &[f32]| values.iter().map(|f| f.abs()).sum::<f32>() / (6.0 * values.len() as f32);
             // Other samples of the ball of radius 3.
-            let between: Vec<[f32; 3]> = crate::geometry::Shape::Sphere { radius: 3.0 }
+            let between: Vec<[f32; 3]> = crate::geometry::AnalyticShape::Sphere { radius: 3.0 }
                 .sample(200, 8)
                 .0
                 .iter()
@@ -330,7 +330,7 @@ mod tests {
 
     #[test]
     fn a_graded_mesh_is_as_fine_as_the_points() {
-        let torus = Shape::Torus { major: 0.34, minor: 0.14 };
+        let torus = AnalyticShape::Torus { major: 0.34, minor: 0.14 };
         let mesh = |n: usize| {
             let result = run(&torus.sample(n, 3).0, &Config::preset(Preset::Start));
             let mesh = result.graded_mesh().unwrap();

@@ -1,7 +1,7 @@
 //! Preparation of a run: from the given points to the first state.
 
 use super::first_shape::FirstShape;
-use super::frame::Frame;
+use super::frame::WorkingFrame;
 use super::shape_samples::ShapeSamples;
 use super::state::State;
 use super::{Config, Hints, Stage, StartShape};
@@ -31,7 +31,7 @@ pub(super) struct Prepared {
     pub normals: Option<Vec<[f32; 3]>>,
     /// Points left out as duplicates.
     pub merged: usize,
-    pub frame: Frame,
+    pub frame: WorkingFrame,
 }
 
 /// Checks points (n x 3, any frame) and options.
@@ -56,7 +56,7 @@ pub(super) fn prepare<P: Position>(
         .advise("take another start.shape, such as plate, or leave the normals out"));
     }
     let clean = clean_cloud(points)?.sorted();
-    let frame = Frame::of(&clean.points, hints.anisotropy.unwrap_or([1.0; 3]))?;
+    let frame = WorkingFrame::of(&clean.points, hints.anisotropy.unwrap_or([1.0; 3]))?;
     Ok(Prepared {
         config: config.clone().for_points(clean.points.len()),
         normals: hints.unit_normals(&clean.given, &frame),
@@ -74,7 +74,7 @@ pub(super) struct Setup {
     /// Their normals, if given, n x 3; a checkpoint knows them again.
     #[cfg(feature = "checkpoint")]
     pub normals: Option<Vec<[f32; 3]>>,
-    pub frame: Frame,
+    pub frame: WorkingFrame,
     /// The working points, n x 3, working frame: the input points, made even if a scanner left them in lines,
     /// thinned if there are many, and without the noise that was found.
     pub working: Vec<[f32; 3]>,

@@ -64,7 +64,7 @@ mod tests {
     use super::super::first_shape::FirstShape;
     use super::*;
     use crate::bsp::{BspConfig, SurfaceMap};
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, fibonacci_sphere};
     use crate::random::Random;
 
     #[test]
@@ -81,7 +81,7 @@ mod tests {
 
     #[test]
     fn the_parts_of_a_large_cloud_share_the_samples() {
-        let (cloud, _) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(200, 1);
+        let (cloud, _) = AnalyticShape::Torus { major: 0.34, minor: 0.14 }.sample(200, 1);
         let config = Config::default();
         let shape = FirstShape::find(&cloud, None, &config).unwrap().unwrap();
         let samples = ShapeSamples::of(&shape.mesh, &cloud, 600, 0).unwrap();

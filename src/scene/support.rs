@@ -97,7 +97,7 @@ fn capped(mut spacing: Vec<f64>) -> Vec<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, fibonacci_sphere};
     use proptest::prelude::*;
 
     proptest! {
@@ -107,8 +107,8 @@ mod tests {
         #[test]
         fn is_the_distance_over_the_mean_spacing(n in 2usize..60, seed: u64, scale in -20i32..20) {
             let unit = |p: &[f32; 3]| p.map(|x| x * 2f32.powi(scale));
-            let points: Vec<_> = Shape::Sphere { radius: 0.5 }.sample(n, seed).0.iter().map(unit).collect();
-            let places: Vec<_> = Shape::Sphere { radius: 0.7 }.sample(9, !seed).0.iter().map(unit).collect();
+            let points: Vec<_> = AnalyticShape::Sphere { radius: 0.5 }.sample(n, seed).0.iter().map(unit).collect();
+            let places: Vec<_> = AnalyticShape::Sphere { radius: 0.7 }.sample(9, !seed).0.iter().map(unit).collect();
             let sorted = |p: &[f32; 3]| {
                 let mut all: Vec<(f64, usize)> = points.iter().map(|q| distance(*p, *q)).zip(0..).collect();
                 all.sort_by(|a, b| a.0.total_cmp(&b.0));

@@ -134,12 +134,12 @@ fn cut_share(kept: f32, dropped: f32, factor: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{NarrowBandOptions, Shape, TetGrid, extract};
+    use crate::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract};
     use crate::scene::support;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
-    fn meshed(shape: Shape) -> TriangleMesh {
+    fn meshed(shape: AnalyticShape) -> TriangleMesh {
         let grid = TetGrid::working_frame(24).unwrap();
         let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(|&p| shape.sdf(p)).collect::<Vec<f32>>());
         extract(&grid, &mut eval, &NarrowBandOptions::default()).unwrap()
@@ -171,7 +171,7 @@ mod tests {
     /// The height over a plane stands for the gap: the cut is a circle, and the area below it is known.
     #[test]
     fn a_sphere_is_cut_along_a_circle() {
-        let sphere = meshed(Shape::Sphere { radius: 0.4 });
+        let sphere = meshed(AnalyticShape::Sphere { radius: 0.4 });
         let height: Vec<f32> = sphere.verts.iter().map(|p| p[2] + 0.4).collect();
         let Trimmed { mesh, gap, removed } = trim(&sphere, &gaps(height), 0.5);
         assert_clean(&mesh);
@@ -187,7 +187,7 @@ mod tests {
 
     #[test]
     fn nothing_beyond_the_factor_leaves_the_mesh_and_all_of_it_nothing() {
-        let torus = meshed(Shape::Torus { major: 0.3, minor: 0.12 });
+        let torus = meshed(AnalyticShape::Torus { major: 0.3, minor: 0.12 });
         let all = trim(&torus, &gaps(vec![1.0; torus.verts.len()]), 2.0);
         assert!(all.mesh == torus && all.removed == 0.0 && all.gap.len() == torus.verts.len());
         let none = trim(&torus, &gaps(vec![3.0; torus.verts.len()]), 2.0);
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn small_holes_are_kept_and_scraps_are_not() {
-        let sphere = meshed(Shape::Sphere { radius: 0.4 });
+        let sphere = meshed(AnalyticShape::Sphere { radius: 0.4 });
         let near = |p: &[f32; 3], z: f32| p[0].hypot(p[1]) < 0.015 && p[2] * z > 0.0;
         let hole: Vec<f32> = sphere.verts.iter().map(|p| if near(p, 1.0) { 9.0 } else { 0.5 }).collect();
         assert!(hole.contains(&9.0));
@@ -213,7 +213,7 @@ mod tests {
     fn a_mesh_far_away_is_cut_as_one_at_the_origin() {
         let at = [450_123.5, 5_411_234.75, 320.0];
         let moved = |p: &[f64; 3]| -> [f64; 3] { std::array::from_fn(|k| p[k] + at[k]) };
-        let near = meshed(Shape::Sphere { radius: 0.4 }).wide();
+        let near = meshed(AnalyticShape::Sphere { radius: 0.4 }).wide();
         let far = TriangleMesh { verts: near.verts.iter().map(moved).collect(), faces: near.faces.clone() };
         let points: Vec<[f64; 3]> = near.verts.iter().copied().filter(|p| p[2] < 0.1).collect();
         let here = trim(&near, &support(&near.verts, &points).unwrap(), 2.0);
@@ -237,7 +237,7 @@ mod tests {
             waves in prop::collection::vec(prop::array::uniform4(-9.0f32..9.0), 1..5),
             factor in 0.2f32..1.8,
         ) {
-            let sphere = meshed(Shape::Torus { major: 0.3, minor: 0.12 });
+            let sphere = meshed(AnalyticShape::Torus { major: 0.3, minor: 0.12 });
             let wave = |p: &[f32; 3], w: &[f32; 4]| (w[0] * p[0] + w[1] * p[1] + w[2] * p[2] + w[3]).sin();
             let at = |p: &[f32; 3]| 1.0 + waves.iter().map(|w| wave(p, w)).sum::<f32>() / waves.len() as f32;
             let gap: Vec<f32> = sphere.verts.iter().map(at).collect();

@@ -161,7 +161,7 @@ fn misfit(mesh: &TriangleMesh, points: &[[f32; 3]], seed: u64) -> Result<f64, Er
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
 
     #[test]
     fn the_best_shape_is_the_one_that_fits_the_points() {
@@ -185,8 +185,9 @@ mod tests {
     /// By the definition: every point against every triangle, every sample against every point.
     #[test]
     fn the_misfit_is_four_times_one_mean_distance_and_once_the_other() {
-        let mesh = gauss_shape(&Shape::Sphere { radius: 0.4 }.sample(60, 1).0, None, 0.5, 0.05, 0).unwrap();
-        let points = Shape::RoundedBox { half: [0.45, 0.3, 0.3], round: 0.05 }.sample(40, 2).0;
+        let mesh =
+            gauss_shape(&AnalyticShape::Sphere { radius: 0.4 }.sample(60, 1).0, None, 0.5, 0.05, 0).unwrap();
+        let points = AnalyticShape::RoundedBox { half: [0.45, 0.3, 0.3], round: 0.05 }.sample(40, 2).0;
         let apart =
             |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| f64::from(a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
         let least = |each: &mut dyn Iterator<Item = f64>| each.fold(f64::INFINITY, f64::min);

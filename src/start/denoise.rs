@@ -192,7 +192,7 @@ fn choose(forecasts: &[Vec<Forecast>]) -> Option<usize> {
 mod tests {
     use super::super::gauss_shapes;
     use super::*;
-    use crate::geometry::{Shape, TriangleBvh};
+    use crate::geometry::{AnalyticShape, TriangleBvh};
     use proptest::prelude::*;
     use rand::SeedableRng;
     use rand::rngs::ChaCha8Rng;
@@ -207,19 +207,21 @@ mod tests {
         points.iter().map(|p| p.map(|x| x + shift())).collect()
     }
 
-    fn off(shape: Shape, points: &[[f32; 3]]) -> f64 {
+    fn off(shape: AnalyticShape, points: &[[f32; 3]]) -> f64 {
         let square = points.iter().map(|&p| f64::from(shape.sdf(p)).powi(2));
         (square.sum::<f64>() / points.len() as f64).sqrt()
     }
 
-    const TORUS: Shape = Shape::Torus { major: 0.34, minor: 0.14 };
+    const TORUS: AnalyticShape = AnalyticShape::Torus { major: 0.34, minor: 0.14 };
 
     #[test]
     fn exact_points_are_left_alone() {
         // Smooth shapes, and one with sharp edges.
-        for shape in
-            [TORUS, Shape::Sphere { radius: 0.5 }, Shape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.01 }]
-        {
+        for shape in [
+            TORUS,
+            AnalyticShape::Sphere { radius: 0.5 },
+            AnalyticShape::RoundedBox { half: [0.5, 0.3, 0.2], round: 0.01 },
+        ] {
             let (points, normals) = shape.sample(200, 3);
             assert!(denoise(&points, &normals).is_none());
         }
@@ -227,7 +229,7 @@ mod tests {
 
     #[test]
     fn noisy_points_come_closer_to_the_surface_and_say_by_how_much() {
-        for (shape, sigma) in [(TORUS, 0.01), (Shape::Sphere { radius: 0.5 }, 0.02)] {
+        for (shape, sigma) in [(TORUS, 0.01), (AnalyticShape::Sphere { radius: 0.5 }, 0.02)] {
             let (exact, normals) = shape.sample(160, 3);
             let points = noisy(&exact, sigma, 7);
             let clean = denoise(&points, &normals).unwrap();
@@ -245,8 +247,8 @@ mod tests {
     #[test]
     fn much_noise_is_found_with_normals_of_a_rough_surface() {
         let (slab, bar) = (
-            Shape::RoundedBox { half: [0.5, 0.4, 0.1], round: 0.05 },
-            Shape::RoundedBox { half: [0.5, 0.12, 0.1], round: 0.05 },
+            AnalyticShape::RoundedBox { half: [0.5, 0.4, 0.1], round: 0.05 },
+            AnalyticShape::RoundedBox { half: [0.5, 0.12, 0.1], round: 0.05 },
         );
         // The bar needs smooth normals to begin with.
         for (shape, sigma, seed) in [(TORUS, 0.02, 7), (slab, 0.02, 7), (bar, 0.015, 8)] {

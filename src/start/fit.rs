@@ -122,21 +122,21 @@ impl Targets {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::field::{Activation, FieldConfig};
-    use crate::geometry::Shape;
+    use crate::field::{FieldActivation, FieldConfig};
+    use crate::geometry::AnalyticShape;
     use crate::optim::{Adam, AdamOptions};
     use crate::random::Random;
     use crate::start::gauss_shape;
 
     #[test]
     fn the_field_takes_the_shape_of_a_torus() {
-        let torus = Shape::Torus { major: 0.34, minor: 0.14 };
+        let torus = AnalyticShape::Torus { major: 0.34, minor: 0.14 };
         let config = FieldConfig {
             width: 32,
             depth: 3,
             octaves: 2,
             frequency: 2.0,
-            activation: Activation::Softplus { beta: 100.0 },
+            activation: FieldActivation::Softplus { beta: 100.0 },
             skip: None,
             radius: 0.35,
         };
@@ -159,13 +159,14 @@ mod tests {
 
     #[test]
     fn a_step_does_not_depend_on_the_steps_before_it() {
-        let mesh = gauss_shape(&Shape::Sphere { radius: 0.5 }.sample(60, 1).0, None, 0.5, 0.05, 0).unwrap();
+        let mesh =
+            gauss_shape(&AnalyticShape::Sphere { radius: 0.5 }.sample(60, 1).0, None, 0.5, 0.05, 0).unwrap();
         let config = FieldConfig {
             width: 8,
             depth: 2,
             octaves: 0,
             frequency: 1.0,
-            activation: Activation::Relu,
+            activation: FieldActivation::Relu,
             skip: None,
             radius: 0.4,
         };
@@ -182,7 +183,8 @@ mod tests {
     #[test]
     fn points_lie_as_close_as_the_surface_is_small() {
         let near = |radius: f64| {
-            let mesh = gauss_shape(&Shape::Sphere { radius }.sample(80, 1).0, None, 0.5, 0.05, 0).unwrap();
+            let mesh =
+                gauss_shape(&AnalyticShape::Sphere { radius }.sample(80, 1).0, None, 0.5, 0.05, 0).unwrap();
             let fit = ShapeFit::new(&mesh, 3).unwrap();
             let close = fit.points.iter().enumerate().filter(|(i, _)| i % 2 == 0 && i % 5 != 4);
             let off: Vec<f32> = close.map(|(_, x)| fit.tree.signed_distance(*x).0.abs()).collect();

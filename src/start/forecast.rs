@@ -52,10 +52,10 @@ fn data_of(n: usize, i: usize) -> [usize; 4] {
 mod tests {
     use super::super::plate::{directions, saddle};
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
     use nalgebra::DMatrix;
 
-    const TORUS: Shape = Shape::Torus { major: 0.34, minor: 0.14 };
+    const TORUS: AnalyticShape = AnalyticShape::Torus { major: 0.34, minor: 0.14 };
 
     /// Against surfaces that were really made without the point, and the covariance of a Gaussian process given the
     /// rest by its definition.

@@ -267,7 +267,7 @@ kernel! {
 mod tests {
     use super::*;
     use crate::geometry::vec3::dist_sq;
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, fibonacci_sphere};
     use crate::simd::testing::{rows, same_at_all};
     use nalgebra::{DMatrix, DVector};
     use proptest::prelude::*;
@@ -359,8 +359,11 @@ mod tests {
     #[test]
     fn areas_of_points_add_up_to_about_that_of_the_surface() {
         for (shape, area) in [
-            (Shape::Sphere { radius: 0.5 }, std::f64::consts::PI),
-            (Shape::Torus { major: 0.34, minor: 0.14 }, 4.0 * std::f64::consts::PI.powi(2) * 0.34 * 0.14),
+            (AnalyticShape::Sphere { radius: 0.5 }, std::f64::consts::PI),
+            (
+                AnalyticShape::Torus { major: 0.34, minor: 0.14 },
+                4.0 * std::f64::consts::PI.powi(2) * 0.34 * 0.14,
+            ),
         ] {
             let all = shape.sample(1400, 2).0;
             let uneven = (0..all.len()).filter(|&i| all[i][0] > 0.0 || i % 4 == 0).map(|i| all[i]).collect();
@@ -379,7 +382,7 @@ mod tests {
 
     #[test]
     fn given_normals_make_the_indicator_of_their_body() {
-        let (points, sphere) = Shape::Sphere { radius: 0.5 }.sample(1200, 1);
+        let (points, sphere) = AnalyticShape::Sphere { radius: 0.5 }.sample(1200, 1);
         let chi = |field: &GaussField, x: [f32; 3]| field.level - field.value(&[x])[0];
         let field = GaussField::of_normals(&points, &sphere, 0.5, 0);
         assert!((field.level - 0.5).abs() < 0.1 && (field.at_points() - 0.5).abs() < 0.1, "{}", field.level);

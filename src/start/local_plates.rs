@@ -259,10 +259,10 @@ impl Near {
 mod tests {
     use super::*;
     use crate::error::ErrorKind;
-    use crate::geometry::{Shape, nearest_points};
+    use crate::geometry::{AnalyticShape, nearest_points};
     use proptest::prelude::*;
 
-    const TORUS: Shape = Shape::Torus { major: 0.34, minor: 0.14 };
+    const TORUS: AnalyticShape = AnalyticShape::Torus { major: 0.34, minor: 0.14 };
 
     fn fitted(n: usize, seed: u64) -> (Vec<[f32; 3]>, LocalPlates) {
         let (points, normals) = TORUS.sample(n, seed);
@@ -272,7 +272,7 @@ mod tests {
 
     /// Places within some neighbour spacings of a cloud, and the nearest points of each.
     fn places(points: &[[f32; 3]], count: usize, off: f32) -> (Vec<[f32; 3]>, Vec<u32>) {
-        let away = Shape::Sphere { radius: f64::from(off) }.sample(count, 9).0;
+        let away = AnalyticShape::Sphere { radius: f64::from(off) }.sample(count, 9).0;
         let step = points.len() / count + 1;
         let x: Vec<[f32; 3]> =
             (0..count).map(|i| [0, 1, 2].map(|k| points[step * i % points.len()][k] + away[i][k])).collect();
@@ -286,7 +286,7 @@ mod tests {
         /// All points are well inside of a ball; a ball holds its nearest points and is no smaller than they need.
         #[test]
         fn balls_cover_the_points(n in 1usize..400, size in 1usize..80, seed: u64) {
-            let points = Shape::RoundedBox { half: [0.5, 0.3, 0.01], round: 0.005 }.sample(n, seed).0;
+            let points = AnalyticShape::RoundedBox { half: [0.5, 0.3, 0.01], round: 0.005 }.sample(n, seed).0;
             let balls = cover(&points, size);
             for ball in &balls {
                 let mut all: Vec<f64> = points.iter().map(|p| distance(*p, ball.centre)).collect();

@@ -60,9 +60,9 @@ pub enum Suspicion {
 ///
 /// ```
 /// use bijective_sdf::start::{Suspicion, find_outliers};
-/// use bijective_sdf::geometry::Shape;
+/// use bijective_sdf::geometry::AnalyticShape;
 ///
-/// let mut points = Shape::Sphere { radius: 1.0 }.sample(200, 1).0;
+/// let mut points = AnalyticShape::Sphere { radius: 1.0 }.sample(200, 1).0;
 /// points.insert(50, [1.5, 1.5, 0.5]);
 /// assert_eq!(find_outliers(&points, Suspicion::Low), [50]);
 /// ```
@@ -138,9 +138,9 @@ fn off_plane(x: Vector3<f64>, others: impl Iterator<Item = Vector3<f64>> + Clone
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
 
-    const TORUS: Shape = Shape::Torus { major: 1.0, minor: 0.4 };
+    const TORUS: AnalyticShape = AnalyticShape::Torus { major: 1.0, minor: 0.4 };
 
     fn with(points: &[[f32; 3]], strays: &[[f32; 3]]) -> Vec<[f32; 3]> {
         [points, strays].concat()
@@ -178,7 +178,7 @@ mod tests {
 
     #[test]
     fn points_of_surfaces_are_none() {
-        for (name, shape) in Shape::gallery() {
+        for (name, shape) in AnalyticShape::gallery() {
             for seed in 0..6 {
                 for n in [60, 300, 1000] {
                     let found = find_outliers(&shape.sample(n, seed).0, Suspicion::Low);

@@ -280,7 +280,7 @@ pub(crate) fn saddle(points: &[[f64; 3]], smoothing: f64) -> DMatrix<f64> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, fibonacci_sphere};
     use crate::simd::testing::{rows, same_at_all};
     use proptest::prelude::*;
 
@@ -321,7 +321,7 @@ mod tests {
 
     #[test]
     fn interpolates_points_and_unit_gradients() {
-        let (points, normals) = Shape::Torus { major: 0.34, minor: 0.14 }.sample(150, 3);
+        let (points, normals) = AnalyticShape::Torus { major: 0.34, minor: 0.14 }.sample(150, 3);
         let plate = fit(&points, &normals).unwrap();
         for (p, n) in points.iter().zip(&normals) {
             let (f, gradient) = naive(&plate, p.map(f64::from));

@@ -102,13 +102,13 @@ pub fn plate_shapes(
 mod tests {
     use super::super::gauss_shapes;
     use super::*;
-    use crate::geometry::{Shape, fibonacci_sphere, sample_surface};
+    use crate::geometry::{AnalyticShape, fibonacci_sphere, sample_surface};
 
     /// More points come out no worse, on both sides of the limit of one plate and of the Gauss formula's sources, up to
     /// what the grid of 64 cubes is off by itself, which all of up to 1,200 points share.
     #[test]
     fn more_points_make_a_better_shape() {
-        let torus = Shape::Torus { major: 0.34, minor: 0.14 };
+        let torus = AnalyticShape::Torus { major: 0.34, minor: 0.14 };
         let off = |n: usize| {
             let points = torus.sample(n, 3).0;
             let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
@@ -125,7 +125,7 @@ mod tests {
     /// points counts the false handles; with the same weight for all dipoles there are many of them.
     #[test]
     fn density_that_jumps_makes_no_handles() {
-        let all = Shape::Torus { major: 0.34, minor: 0.14 }.sample(2400, 3).0;
+        let all = AnalyticShape::Torus { major: 0.34, minor: 0.14 }.sample(2400, 3).0;
         let kept = (0..all.len()).filter(|&i| all[i][0] > 0.0 || i % 4 == 0);
         let points: Vec<[f32; 3]> = kept.map(|i| all[i]).collect();
         let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
@@ -137,7 +137,7 @@ mod tests {
     /// 0.01 thick, half a cube of the usual grids.
     #[test]
     fn a_blade_comes_out_whole() {
-        let blade = Shape::RoundedBox { half: [0.5, 0.05, 0.005], round: 0.002 };
+        let blade = AnalyticShape::RoundedBox { half: [0.5, 0.05, 0.005], round: 0.002 };
         let points = blade.sample(600, 1).0;
         let rough = gauss_shapes(&points, None, &[0.5], 0.05, 0).unwrap();
         let plates = plate_shapes(&points, None, &rough).unwrap();

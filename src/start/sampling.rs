@@ -113,12 +113,12 @@ fn parts(tree: &KdTree, unit: &[[f32; 3]], apart: f32) -> Vec<usize> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
     use std::f32::consts::TAU;
 
     #[test]
     fn surfaces_curves_volumes_and_parts_are_told_apart() {
-        for (name, shape) in Shape::gallery() {
+        for (name, shape) in AnalyticShape::gallery() {
             for n in [20, 150, 1000] {
                 let seen = Sampling::of(&shape.sample(n, 1).0);
                 assert!(!seen.fills_volume && !seen.on_curves, "{name} {n}: {seen:?}");

@@ -108,11 +108,11 @@ fn plane_normal(points: &[[f32; 3]], rows: &[u32]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Shape, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, fibonacci_sphere};
 
     #[test]
     fn turned_normals_contradict_their_neighbours() {
-        for (name, shape) in Shape::gallery() {
+        for (name, shape) in AnalyticShape::gallery() {
             let (points, mut normals) = shape.sample(600, 2);
             let share = contradicting(&points, &normals);
             assert!(share < 0.02, "{name}: {share}");

@@ -60,7 +60,7 @@ pub(super) fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{KdTree, Shape};
+    use crate::geometry::{AnalyticShape, KdTree};
     use std::f32::consts::TAU;
 
     fn of(points: &[[f32; 3]]) -> Option<Uneven> {
@@ -97,7 +97,7 @@ mod tests {
 
     #[test]
     fn shapes_that_are_sampled_at_random_are_even() {
-        for (name, shape) in Shape::gallery() {
+        for (name, shape) in AnalyticShape::gallery() {
             for n in [20, 150, 1000] {
                 assert_eq!(of(&shape.sample(n, 1).0), None, "{name} {n}");
             }

@@ -1,15 +1,27 @@
 //! Elementwise passes.
 
-use super::{MIN_PARALLEL, Tensor};
+use super::Tensor;
 use crate::simd::kernel;
 use rayon::prelude::*;
+
+/// Elements below which a pass stays on the calling thread.
+pub(crate) const MIN_PARALLEL: usize = 1 << 16;
 
 /// Elements a thread works on at a time.
 const BLOCK: usize = 1 << 14;
 
 kernel! {
-    pub(super) fn add_assign(out: &mut [f32], x: &[f32]) {
+    fn add_assign(out: &mut [f32], x: &[f32]) {
         for (o, &x) in out.iter_mut().zip(x) { *o += x; }
+    }
+}
+
+impl Tensor {
+    /// Adds `other` to this tensor in place.
+    #[track_caller]
+    pub(crate) fn add_assign(&mut self, other: &Tensor) {
+        assert!(self.shape() == other.shape(), "add_assign: {:?} and {:?}", self.shape(), other.shape());
+        add_assign(self.data_mut(), other.data());
     }
 }
 

@@ -4,7 +4,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
 
-use bijective_sdf::geometry::{Shape, TriangleMesh};
+use bijective_sdf::geometry::{AnalyticShape, TriangleMesh};
 use bijective_sdf::io::{write_cloud, write_mesh};
 
 pub mod json;
@@ -33,7 +33,7 @@ impl Dir {
     /// 60 points on a sphere.
     pub fn cloud(&self) -> PathBuf {
         let path = self.path("cloud.ply");
-        write_cloud(&path, &Shape::Sphere { radius: 0.5 }.sample(60, 1).0).unwrap();
+        write_cloud(&path, &AnalyticShape::Sphere { radius: 0.5 }.sample(60, 1).0).unwrap();
         path
     }
 

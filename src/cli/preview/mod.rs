@@ -2,17 +2,16 @@
 //!
 //! Pictures are output and no result, so their arithmetic is here and not in the library.
 
-use std::path::{Path, PathBuf};
-use std::str::FromStr;
+use std::path::Path;
 
 use bijective_sdf::geometry::{Normalizer, Position, TriangleMesh};
-use clap::{Args, ValueEnum};
 
 mod camera;
 mod font;
 mod image;
 mod raster;
 mod shade;
+mod view;
 
 use super::failure::Failure;
 use super::info::nearest_distances;
@@ -20,83 +19,12 @@ use super::paths::is_pipe;
 use camera::Camera;
 pub use image::Image;
 use raster::Buffer;
+pub use view::{Angles, Axis, View, ViewArgs};
 
 /// Width and height of each of the two panels, in pixels.
 const PANEL: usize = 640;
 /// Samples a pixel along each axis.
 const SUPER: usize = 3;
-
-/// Options of a picture.
-#[derive(Debug, Default, Args)]
-pub struct ViewArgs {
-    /// Write a picture of the points and the mesh, side by side (png)
-    #[arg(long, value_name = "FILE")]
-    pub preview: Option<PathBuf>,
-    /// Direction the picture is taken from, in degrees: around the upward axis, and above the horizon
-    #[arg(long, value_name = "AROUND,ABOVE", allow_hyphen_values = true, requires = "preview")]
-    view: Option<Angles>,
-    /// Upward axis of the picture
-    #[arg(long, value_enum, default_value_t = Axis::Y, requires = "preview")]
-    up: Axis,
-}
-
-/// Where the camera is, in degrees.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Angles {
-    around: f64,
-    above: f64,
-}
-
-impl Default for Angles {
-    fn default() -> Self {
-        Angles { around: 35.0, above: 28.0 }
-    }
-}
-
-impl FromStr for Angles {
-    type Err = String;
-
-    fn from_str(s: &str) -> Result<Self, String> {
-        let numbers: Option<Vec<f64>> = s.split(',').map(|x| x.trim().parse().ok()).collect();
-        match numbers.as_deref() {
-            Some(&[around, above]) if around.is_finite() && above.is_finite() => Ok(Angles { around, above }),
-            _ => Err("two numbers expected, such as 35,25".into()),
-        }
-    }
-}
-
-/// An axis of the input's coordinates.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum)]
-pub enum Axis {
-    /// x
-    X,
-    /// y
-    #[default]
-    Y,
-    /// z
-    Z,
-}
-
-/// How to look at the scene.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct View {
-    /// Where from.
-    pub angles: Angles,
-    /// The axis that points up in the picture.
-    pub up: Axis,
-}
-
-impl Default for View {
-    fn default() -> Self {
-        View { angles: Angles::default(), up: Axis::Y }
-    }
-}
-
-impl From<&ViewArgs> for View {
-    fn from(args: &ViewArgs) -> Self {
-        View { angles: args.view.unwrap_or_default(), up: args.up }
-    }
-}
 
 /// Refuses a name that says another format than the one that pictures are written in.
 pub fn check_picture(path: &Path) -> Result<(), Failure> {
@@ -183,13 +111,13 @@ fn seen(p: &[f32; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bijective_sdf::geometry::{NarrowBandOptions, Shape, TetGrid, extract, widened};
+    use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract, widened};
 
     /// A smaller panel, for speed.
     const PANEL: usize = 120;
 
     fn scene() -> (Vec<[f64; 3]>, TriangleMesh<[f64; 3]>) {
-        let shape = Shape::Sphere { radius: 0.5 };
+        let shape = AnalyticShape::Sphere { radius: 0.5 };
         let grid = TetGrid::covering([-0.6; 3], [0.6; 3], 24, 1).unwrap();
         let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
         let mesh = extract(&grid, &mut sdf, &NarrowBandOptions::default()).unwrap();
@@ -238,13 +166,5 @@ mod tests {
         let info = reader.next_frame(&mut back).unwrap();
         assert_eq!((info.width, info.height), (2 * PANEL as u32, PANEL as u32));
         assert_eq!(back, image.rgb());
-    }
-
-    #[test]
-    fn angles_are_read() {
-        assert_eq!("-10, 45".parse(), Ok(Angles { around: -10.0, above: 45.0 }));
-        for bad in ["", "1", "1,2,3", "a,b", "nan,1"] {
-            assert!(bad.parse::<Angles>().is_err());
-        }
     }
 }

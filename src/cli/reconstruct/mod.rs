@@ -1,122 +1,38 @@
 //! `reconstruct`: from a cloud to a mesh.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::{Duration, Instant};
 
 use bijective_sdf::bsp::Parameterization;
-use bijective_sdf::io::Format;
 use bijective_sdf::reconstruct::{Config, Hints, Preset, Reconstruction, Saved, SavedKind};
 use bijective_sdf::{Error, ErrorKind};
-use clap::Args;
 
 use super::Common;
 use super::carry::vertex_attributes;
-use super::cleaning::Outliers;
 use super::console::print;
 use super::coverage::coverage_text;
 use super::failure::Failure;
-use super::fineness::FinenessArgs;
-use super::formats::format_parser;
 use super::input::Input;
 use super::interrupt::Interrupt;
 use super::lock::Lock;
 use super::output::write_bytes;
 use super::paths::is_pipe;
-use super::preview::{View, ViewArgs, render};
-use super::reading::ReadArgs;
+use super::preview::{View, render};
 use super::report::{gate, gate_open};
-use super::settings::Settings;
-use super::sides::{SidesArgs, three_numbers};
 use super::train::{TrainingPlan, train};
-use super::trim::TrimArgs;
 
+mod args;
 mod cloud;
 mod outputs;
 mod summary;
 
+pub use args::ReconstructArgs;
 pub use summary::describe;
 
 use cloud::Prepared;
 use outputs::{Outputs, Written, behind};
 use summary::Run;
-
-/// Seconds between two checkpoints.
-const CHECKPOINT_SECONDS: u64 = 60;
-
-/// Arguments of `reconstruct`.
-#[derive(Debug, Args)]
-pub struct ReconstructArgs {
-    /// The point cloud, or `-`; `bijective-sdf reconstruct --help` lists the formats at --format
-    input: PathBuf,
-    /// The mesh to write (ply, obj, stl, off, glb), or `-`
-    #[arg(short, long, value_name = "FILE")]
-    output: PathBuf,
-    #[command(flatten)]
-    settings: Settings,
-    #[command(flatten)]
-    fineness: FinenessArgs,
-    #[command(flatten)]
-    reading: ReadArgs,
-    /// Points that belong to no surface, far from all others and off the surface that these suggest
-    #[arg(long, value_enum, default_value_t)]
-    outliers: Outliers,
-    #[command(flatten)]
-    sides: SidesArgs,
-    /// What the axes are multiplied by for the work, for points that lie closer along one direction than along others:
-    /// `1,1,0.2` for slices across z that are far apart. The mesh and the field are in the frame of the input
-    #[arg(long, value_name = "X,Y,Z", value_parser = three_numbers, allow_hyphen_values = true)]
-    anisotropy: Option<[f64; 3]>,
-    /// Format of the mesh [default: by extension; ply for `-`]
-    #[arg(long, value_parser = format_parser())]
-    output_format: Option<Format>,
-    /// Write text where the format also has a binary form
-    #[arg(long)]
-    ascii: bool,
-    /// Write checkpoints to this file now and then and at the end
-    #[arg(long, value_name = "FILE")]
-    checkpoint: Option<PathBuf>,
-    /// Seconds between two checkpoints
-    #[arg(long, value_name = "SECONDS", default_value_t = CHECKPOINT_SECONDS, requires = "checkpoint")]
-    checkpoint_every: u64,
-    /// Go on from a checkpoint of the same cloud, with its options; those that are given must agree with it
-    #[arg(long, value_name = "FILE")]
-    resume: Option<PathBuf>,
-    /// Stop after this time, in whichever phase, and write the mesh of the field as it is then
-    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
-    time_limit: Option<Duration>,
-    /// Write the denser points that the surface was drawn to in the training (ply, xyz, csv)
-    #[arg(long, value_name = "FILE")]
-    surface_points: Option<PathBuf>,
-    /// Write point clouds in the colours of their codes on the sphere, rgb = (code + 1) / 2, to draw the
-    /// parameterization with: STEM-points.ply (the points Q), STEM-codes.ply (their codes U), STEM-surface.ply (the
-    /// denser points S), STEM-patches.ply (the codes P of S), STEM-grid.ply (the vertices V of the training's grid
-    /// around the surface) and STEM-moved.ply (V', the same moved along the field); a vertex has the code of the point
-    /// of S nearest to it in V'
-    #[arg(long, value_name = "STEM")]
-    codes: Option<PathBuf>,
-    /// Write the field, for the commands `sdf` and `mesh`. Until the mesh is written it is kept in any case, beside it
-    #[arg(long, value_name = "FILE")]
-    save_field: Option<PathBuf>,
-    /// Give each vertex of the mesh what the input has beside the coordinates of the point nearest to it, such as
-    /// colours, intensities and classes (ply; obj and glb: colours only)
-    #[arg(long)]
-    carry: bool,
-    #[command(flatten)]
-    trim: TrimArgs,
-    #[command(flatten)]
-    view: ViewArgs,
-    /// Print one JSON object about the run
-    #[arg(long)]
-    json: bool,
-}
-
-fn seconds(text: &str) -> Result<Duration, String> {
-    text.parse::<f64>()
-        .ok()
-        .and_then(|s| Duration::try_from_secs_f64(s).ok())
-        .ok_or_else(|| "a number of seconds expected".into())
-}
 
 /// Tells that a cloud of more than `limit` points keeps its first shape, if the options would train a smaller one, and
 /// returns what was told.
@@ -180,7 +96,8 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let points = &cloud.points;
 
     let mut trained = {
-        let hints = Hints { normals: cloud.normals.as_deref(), anisotropy: args.anisotropy };
+        let mut hints = Hints::default();
+        (hints.normals, hints.anisotropy) = (cloud.normals.as_deref(), args.anisotropy);
         train(points, &config, &hints, &plan(args, common), Some(&interrupt))?
     };
     if trained.timed_out {

@@ -13,7 +13,7 @@ use super::plan::{Job, Measure};
 
 /// What a run came to.
 #[derive(Clone, Debug, Default)]
-pub struct Outcome {
+pub struct RunOutcome {
     /// Why it gave no figures, if it did not.
     pub failure: Option<String>,
     /// Points of the input.
@@ -97,7 +97,7 @@ struct InputChange {
 }
 
 /// The line of a run, without its end.
-pub fn line(job: &Job<'_>, outcome: &Outcome, machine: &Machine, measure: Measure) -> String {
+pub fn line(job: &Job<'_>, outcome: &RunOutcome, machine: &Machine, measure: Measure) -> String {
     let part = |json: String| RawValue::from_string(json).expect("the program writes JSON");
     let input = &job.setting.input;
     let line = Line {
@@ -310,7 +310,7 @@ pub mod tests {
     use super::*;
     use crate::cli::coverage::tests::some_coverage;
     use crate::cli::suite::inputs::ShapeFiles;
-    use bijective_sdf::evaluate::{GroundTruth, Options, evaluate, evaluate_points};
+    use bijective_sdf::evaluate::{CompareOptions, GroundTruth, evaluate, evaluate_points};
     use bijective_sdf::geometry::TriangleMesh;
     use serde_json::Value;
 
@@ -337,12 +337,12 @@ pub mod tests {
         let setting = setting("multiple:3");
         let job = Job { shape: &shape, setting: &setting, seed: u64::MAX, fingerprint: "f00".into() };
         let mesh = tetrahedron();
-        let mut options = Options::shape();
+        let mut options = CompareOptions::shape();
         options.samples = 200;
         let report = evaluate(GroundTruth::Mesh(&mesh), &mesh, &options).unwrap();
         let sets: [&[[f32; 3]]; 2] = [&mesh.verts, &mesh.verts[..2]];
         let points = evaluate_points(GroundTruth::Mesh(&mesh), &sets, &options).unwrap();
-        let outcome = Outcome {
+        let outcome = RunOutcome {
             points: 300,
             seconds: 1.25,
             topology: Some(mesh.topology()),
@@ -350,7 +350,7 @@ pub mod tests {
             report: Some(report.clone()),
             coverage: Some(coverage()),
             truth_coverage: TruthCoverage::of(&points),
-            ..Outcome::default()
+            ..RunOutcome::default()
         };
         let machine = Machine { threads: 2, jobs: 1, build: Some("1234".into()) };
         let text = line(&job, &outcome, &machine, MEASURE);
@@ -408,7 +408,7 @@ pub mod tests {
         let without = Record { surface: None, cover: Cover::default(), ..want.clone() };
         assert_eq!(Record::read(&old.to_string()).unwrap(), without);
 
-        let failed = Outcome { failure: Some("no\nsurface".into()), ..Outcome::default() };
+        let failed = RunOutcome { failure: Some("no\nsurface".into()), ..RunOutcome::default() };
         let read = Record::read(&line(&job, &failed, &machine, MEASURE)).unwrap();
         let want = Record {
             failure: failed.failure,

@@ -9,7 +9,7 @@ use std::sync::{Mutex, OnceLock};
 use std::thread;
 use std::time::Instant;
 
-use bijective_sdf::evaluate::{GroundTruth, Metrics, Options, evaluate, evaluate_points};
+use bijective_sdf::evaluate::{CompareOptions, GroundTruth, Metrics, evaluate, evaluate_points};
 use bijective_sdf::geometry::{Bounds, Topology, about, sample_surface};
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::{Reconstruction, Trainer};
@@ -25,7 +25,7 @@ use super::super::progress::duration;
 use super::super::sample::{Noise, add_noise};
 use super::fingerprint;
 use super::plan::{Job, Measure};
-use super::record::{Machine, Outcome, Record, line};
+use super::record::{Machine, Record, RunOutcome, line};
 use super::store::RunFile;
 
 /// Added to a run's seed where the truth is sampled for its input: the comparison samples it with small seeds, and its
@@ -52,7 +52,7 @@ impl Truth {
     }
 
     /// What a perfect prediction would score; nothing for a cloud.
-    fn floor(&self, options: &Options) -> Result<Option<Metrics>, Error> {
+    fn floor(&self, options: &CompareOptions) -> Result<Option<Metrics>, Error> {
         match &self.content {
             Content::Mesh(mesh) => {
                 let local = mesh.about(mesh.offset());
@@ -181,8 +181,8 @@ impl Runner<'_> {
     }
 
     /// Makes a run; nothing if it was asked to stop. What goes wrong in the run itself is an outcome, too.
-    fn run(&self, job: &Job<'_>, truth: Option<&Shared>) -> Result<Option<Outcome>, Failure> {
-        let mut outcome = Outcome::default();
+    fn run(&self, job: &Job<'_>, truth: Option<&Shared>) -> Result<Option<RunOutcome>, Failure> {
+        let mut outcome = RunOutcome::default();
         let tried = catch_unwind(AssertUnwindSafe(|| self.attempt(job, truth, &mut outcome)));
         match tried {
             Ok(Ok(())) => {}
@@ -194,8 +194,8 @@ impl Runner<'_> {
         Ok(Some(outcome))
     }
 
-    fn attempt(&self, job: &Job<'_>, truth: Option<&Shared>, outcome: &mut Outcome) -> Result<(), Stop> {
-        let mut options = Options::shape();
+    fn attempt(&self, job: &Job<'_>, truth: Option<&Shared>, outcome: &mut RunOutcome) -> Result<(), Stop> {
+        let mut options = CompareOptions::shape();
         (options.samples, options.floor) = (self.measure.samples, false);
         let truth = match (truth, &job.shape.truth) {
             (Some(shared), Some((_, path))) => {
@@ -256,7 +256,7 @@ impl Runner<'_> {
         &self,
         job: &Job<'_>,
         points: &[[f64; 3]],
-        outcome: &mut Outcome,
+        outcome: &mut RunOutcome,
     ) -> Result<Reconstruction, Stop> {
         let mut trainer = Trainer::new(points, &job.config())?;
         while !trainer.is_done() {
@@ -330,7 +330,7 @@ impl Finished {
         self.failure.is_some()
     }
 
-    fn progress(&self, job: &Job<'_>, outcome: &Outcome, all: usize) -> String {
+    fn progress(&self, job: &Job<'_>, outcome: &RunOutcome, all: usize) -> String {
         let done = self.made.len();
         let result = match (&outcome.failure, &outcome.report, &outcome.topology) {
             (Some(text), ..) => format!("failed: {text}"),

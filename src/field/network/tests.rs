@@ -8,9 +8,9 @@ use crate::random::Random;
 use crate::simd::testing::same_where_products_fuse;
 use crate::tensor::Tensor;
 
-const ACTIVATIONS: [Activation; 2] = [Activation::Softplus { beta: 4.0 }, Activation::Relu];
+const ACTIVATIONS: [FieldActivation; 2] = [FieldActivation::Softplus { beta: 4.0 }, FieldActivation::Relu];
 
-fn config(depth: usize, skip: Option<usize>, octaves: usize, activation: Activation) -> FieldConfig {
+fn config(depth: usize, skip: Option<usize>, octaves: usize, activation: FieldActivation) -> FieldConfig {
     FieldConfig { width: 7, depth, octaves, frequency: 1.5, activation, skip, radius: 0.4 }
 }
 

@@ -74,12 +74,12 @@ impl<P: Position> TriangleMesh<P> {
 mod tests {
     use super::super::testing::level_set;
     use super::*;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
     use crate::geometry::vec3::dot;
 
     #[test]
     fn a_mesh_far_away_is_measured_as_one_at_the_origin() {
-        let near = Shape::Sphere { radius: 0.5 };
+        let near = AnalyticShape::Sphere { radius: 0.5 };
         let points = near.sample(12, 1).0;
         let faces = vec![[0, 1, 2], [0, 2, 3], [0, 3, 1], [1, 3, 2]];
         let near = TriangleMesh { verts: points, faces }.wide();

@@ -94,7 +94,7 @@ fn ray_crossing(q: [f64; 3], corners: [[f64; 3]; 3]) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{Shape, TetGrid, TriangleMesh, extract};
+    use crate::geometry::{AnalyticShape, TetGrid, TriangleMesh, extract};
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
@@ -138,7 +138,7 @@ mod tests {
         mesh.faces.iter().map(angle).sum::<f64>() / (4.0 * std::f64::consts::PI)
     }
 
-    fn meshed(shape: Shape, resolution: usize) -> TriangleMesh {
+    fn meshed(shape: AnalyticShape, resolution: usize) -> TriangleMesh {
         let grid = TetGrid::working_frame(resolution).unwrap();
         let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(|&p| shape.sdf(p)).collect::<Vec<f32>>());
         extract(&grid, &mut eval, &Default::default()).unwrap()
@@ -151,12 +151,12 @@ mod tests {
 
     #[test]
     fn winds_as_the_solid_angles_say() {
-        let torus = meshed(Shape::Torus { major: 0.34, minor: 0.14 }, 20);
+        let torus = meshed(AnalyticShape::Torus { major: 0.34, minor: 0.14 }, 20);
         let mut inward = torus.clone();
         inward.faces.iter_mut().for_each(|f| f.swap(0, 1));
         // One shell within another, both facing outward: twice around what is within both.
-        let mut nested = meshed(Shape::Sphere { radius: 0.5 }, 12);
-        let inner = meshed(Shape::Sphere { radius: 0.3 }, 12);
+        let mut nested = meshed(AnalyticShape::Sphere { radius: 0.5 }, 12);
+        let inner = meshed(AnalyticShape::Sphere { radius: 0.3 }, 12);
         let first = nested.verts.len() as u32;
         nested.verts.extend(&inner.verts);
         nested.faces.extend(inner.faces.iter().map(|f| f.map(|v| v + first)));

@@ -10,7 +10,7 @@ use laz::{LasZipDecompressor, LazVlr};
 
 use super::super::number::unsigned;
 use super::super::{Loaded, Want};
-use super::{Header, wrong};
+use super::header::{Header, wrong};
 use crate::{Error, ErrorKind};
 
 /// Unpacks the points.

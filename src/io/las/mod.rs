@@ -2,41 +2,16 @@
 //!
 //! Offsets are those of the public header block of the LAS 1.4 specification (R15, ASPRS 2019).
 
-use super::number::{ByteOrder, NumberType, unsigned};
-use super::precision::check_point;
 use super::{Loaded, Want};
-use crate::geometry::{Attribute, COLOUR, Number};
-use crate::{Error, ErrorKind};
+use crate::Error;
+use crate::geometry::{Attribute, Number};
 
+mod header;
 #[cfg(feature = "formats")]
 mod laz;
 
-/// Least bytes of a record, by its format.
-const MIN_RECORD: [u64; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
-
-/// Where the colour begins in a record, by its format.
-const COLOURS: [Option<usize>; 11] =
-    [None, None, Some(20), Some(28), None, Some(28), None, Some(30), Some(30), None, Some(30)];
-
-/// Whether the bytes begin like a LAS file.
-pub(super) fn looks_like_las(bytes: &[u8]) -> bool {
-    bytes.starts_with(b"LASF")
-}
-
-/// What the header says of the points.
-struct Header {
-    packed: bool,
-    format: usize,
-    record: usize,
-    count: u64,
-    start: usize,
-    scale: [f64; 3],
-    offset: [f64; 3],
-}
-
-fn wrong(what: impl Into<String>) -> Error {
-    Error::new(ErrorKind::Format, what).advise("fetch the file again; if it is whole, export it again")
-}
+pub(super) use header::looks_like_las;
+use header::{Header, wrong};
 
 /// Reads n x 3 points, scaled and moved as the header says.
 pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
@@ -65,70 +40,6 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     }
     short_colours(&mut loaded.attributes);
     Ok(loaded)
-}
-
-impl Header {
-    fn parse(bytes: &[u8]) -> Result<Header, Error> {
-        let short = || wrong(format!("truncated: the file ends in its header, at {} bytes", bytes.len()));
-        let field = |at: usize, size: usize| unsigned(bytes, at, size).ok_or_else(short);
-        let minor = field(25, 1)?;
-        if !looks_like_las(bytes) || field(24, 1)? != 1 || minor > 4 {
-            return Err(wrong(format!("LAS version {}.{minor} is not known", field(24, 1)?)));
-        }
-        let (format, record) = (field(104, 1)?, field(105, 2)?);
-        // The two highest bits say that points are packed.
-        let (packed, format) = (format & 0xc0 != 0, format & 0x3f);
-        let least = MIN_RECORD.get(format as usize).copied();
-        let Some(least) = least else { return Err(wrong(format!("point format {format} is not known"))) };
-        if record < least {
-            return Err(wrong(format!("points of format {format} have {least} bytes or more, not {record}")));
-        }
-        let mut count = field(107, 4)?;
-        if minor >= 4 {
-            // The older count is 0, or the same.
-            count = field(247, 8)?.max(count);
-        }
-        let decimal = |at: usize| field(at, 8).map(f64::from_bits);
-        let scale = [decimal(131)?, decimal(139)?, decimal(147)?];
-        let offset = [decimal(155)?, decimal(163)?, decimal(171)?];
-        if scale.iter().any(|s| !s.is_finite() || *s == 0.0) || offset.iter().any(|o| !o.is_finite()) {
-            return Err(wrong("the scale or the offset of the coordinates is 0 or not finite"));
-        }
-        let start = field(96, 4)? as usize;
-        if start > bytes.len() {
-            return Err(wrong(format!(
-                "truncated: points begin at byte {start}, and the file has {}",
-                bytes.len()
-            )));
-        }
-        Ok(Header { packed, format: format as usize, record: record as usize, count, start, scale, offset })
-    }
-
-    /// Adds the point of a record, whose first three numbers are its place in steps.
-    fn push(&self, row: &[u8], want: Want, loaded: &mut Loaded) -> Result<(), Error> {
-        let step = |axis: usize| NumberType::I32.read(&row[4 * axis..], ByteOrder::Little);
-        let point = [0, 1, 2].map(|axis| step(axis) * self.scale[axis] + self.offset[axis]);
-        check_point(point, want, "point", loaded.verts.len())?;
-        loaded.verts.push(point);
-        if want == Want::Attributes {
-            let word = |at: usize| NumberType::U16.read(&row[at..], ByteOrder::Little);
-            // Formats before 6 have flags in the upper bits of the class.
-            let class = if self.format < 6 { row[15] & 0x1f } else { row[16] };
-            let colour = COLOURS[self.format].map_or([0.0; 3], |at| [0, 2, 4].map(|part| word(at + part)));
-            let values = [word(12), f64::from(class)].into_iter().chain(colour);
-            loaded.attributes.iter_mut().zip(values).for_each(|(a, x)| a.values.push(x));
-        }
-        Ok(())
-    }
-
-    /// What records of the format have beside the place, without values yet.
-    fn attributes(&self) -> Vec<Attribute> {
-        let one =
-            |(name, number): (&str, Number)| Attribute { name: name.into(), number, values: Vec::new() };
-        let colours = COLOUR.into_iter().filter(|_| COLOURS[self.format].is_some());
-        let plain = [("intensity", Number::U16), ("classification", Number::U8)];
-        plain.into_iter().chain(colours.map(|name| (name, Number::U16))).map(one).collect()
-    }
 }
 
 /// Makes bytes of the parts of colours. They have 16 bits, but many programs fill 8 of them only.

@@ -2,7 +2,6 @@
 
 use super::super::number::{ByteOrder, NumberType};
 use super::super::text::show;
-use super::bad_header;
 use crate::{Error, ErrorKind};
 
 /// What the header says.
@@ -182,6 +181,13 @@ fn number_type(descr: &str) -> Result<(NumberType, ByteOrder), Error> {
             .at_element("NPY header")
             .advise("save floats or integers of at most 64 bits, for example points.astype('float32')")
     })
+}
+
+/// The error for a header that cannot be used.
+pub(super) fn bad_header(what: String) -> Error {
+    Error::new(ErrorKind::Format, what)
+        .at_element("NPY header")
+        .advise("write it with numpy.save(path, points)")
 }
 
 #[cfg(test)]

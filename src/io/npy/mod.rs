@@ -14,7 +14,7 @@ use crate::{Error, ErrorKind};
 mod header;
 mod layout;
 
-use header::Header;
+use header::{Header, bad_header};
 use layout::ArrayLayout;
 
 const MAGIC: &[u8] = b"\x93NUMPY";
@@ -160,12 +160,6 @@ fn split(bytes: &[u8]) -> Result<(&str, &[u8]), Error> {
     let (header, data) = bytes[start..].split_at(length as usize);
     let header = std::str::from_utf8(header).map_err(|_| bad_header("the header is not text".to_string()))?;
     Ok((header, data))
-}
-
-fn bad_header(what: String) -> Error {
-    Error::new(ErrorKind::Format, what)
-        .at_element("NPY header")
-        .advise("write it with numpy.save(path, points)")
 }
 
 #[cfg(test)]

@@ -4,8 +4,8 @@ use super::super::number::{ByteOrder, unsigned};
 use super::super::precision::check_point;
 use super::super::text::{Lines, float, not_a_number, push_value, words};
 use super::super::{Loaded, Want};
-use super::header::Header;
-use super::{lzf, wrong};
+use super::header::{Header, wrong};
+use super::lzf;
 use crate::{Error, ErrorKind};
 
 /// The fields that are read, by their numbers in the header.

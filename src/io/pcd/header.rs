@@ -2,7 +2,6 @@
 
 use super::super::number::NumberType;
 use super::super::text::{float, integer, show, words};
-use super::wrong;
 use crate::geometry::Attribute;
 use crate::{Error, ErrorKind};
 
@@ -205,4 +204,9 @@ impl Said {
 fn whole(word: &[u8]) -> Result<u64, Error> {
     let count = integer(word).and_then(|n| u64::try_from(n).ok());
     count.ok_or_else(|| wrong(format!("{} is not a count", show(word))))
+}
+
+/// The error for a file that is not as PCD files are.
+pub(super) fn wrong(what: impl Into<String>) -> Error {
+    Error::new(ErrorKind::Format, what).advise("the file is damaged or not PCD; export it again")
 }

@@ -2,15 +2,15 @@
 
 use super::text::{Lines, float, words};
 use super::{Loaded, Want};
+use crate::Error;
 use crate::geometry::{Attribute, COLOUR, Number};
-use crate::{Error, ErrorKind};
 
 mod data;
 mod header;
 mod lzf;
 
 use data::{Order, Places};
-use header::{Data, Header};
+use header::{Data, Header, wrong};
 
 /// Names of the fields of a normal's components.
 const NORMAL_FIELDS: [[&str; 2]; 3] = [["normal_x", "nx"], ["normal_y", "ny"], ["normal_z", "nz"]];
@@ -103,10 +103,6 @@ fn unpack_colours(loaded: &mut Loaded, header: &Header, fields: &[usize]) {
     };
     loaded.attributes.retain(|a| !a.is_colour());
     loaded.attributes.extend(COLOUR.into_iter().zip([16, 8, 0]).map(part));
-}
-
-fn wrong(what: impl Into<String>) -> Error {
-    Error::new(ErrorKind::Format, what).advise("the file is damaged or not PCD; export it again")
 }
 
 #[cfg(test)]

@@ -8,8 +8,8 @@ use ply_rs::ply::{BeginList, ElementDef, Encoding, PropertyAccess, PropertyAcces
 use super::super::polygon::push_fan;
 use super::super::precision::check_point;
 use super::super::{Loaded, NORMAL_NAMES, Want};
+use super::elements::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use super::header::{Header, number_type};
-use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::{Error, ErrorKind};
 
 /// Reads the elements up to the last one of interest.

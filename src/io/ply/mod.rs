@@ -4,25 +4,23 @@
 //! the grammar of `ply_rs` refuses numbers such as `1.` and `.5`, blank lines, and an integer property written as
 //! `3.0`, all of which real files have.
 
-use ply_rs::ply::{ElementDef, Encoding, PropertyDef, PropertyType, ScalarType};
+use ply_rs::ply::{Encoding, PropertyType, ScalarType};
 
 use super::{Loaded, NORMAL_NAMES, Want};
-use crate::geometry::Attribute;
 use crate::{Error, ErrorKind};
 
 mod binary;
+mod elements;
 mod header;
 mod text;
 mod write;
 
-use header::{Header, number_type};
+use elements::{CORNERS, attributes, axis_of, has_normals};
+use header::Header;
 
 pub(super) use write::write;
 #[cfg(test)]
 pub(super) use write::write_encoded;
-
-/// The two names that the corner list of a face goes by.
-const CORNERS: [&str; 2] = ["vertex_indices", "vertex_index"];
 
 /// Whether the first line of the bytes is `ply`.
 pub(super) fn looks_like_ply(bytes: &[u8]) -> bool {
@@ -105,49 +103,6 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
         }
     }
     notices
-}
-
-/// The axis that a property holds the coordinate of; some programs write capitals.
-fn axis_of(name: &str) -> Option<usize> {
-    ["x", "y", "z"].iter().position(|axis| name.eq_ignore_ascii_case(axis))
-}
-
-/// The numbers of a vertex beside position and normal, without values yet, in their order.
-fn attributes(vertex: &ElementDef) -> Vec<Attribute> {
-    let one = |(name, property): (&String, &PropertyDef)| {
-        let PropertyType::Scalar(kind) = &property.data_type else { return None };
-        let other = axis_of(name).is_none() && !NORMAL_NAMES.contains(&name.as_str());
-        other.then(|| Attribute {
-            name: name.clone(),
-            number: number_type(kind).kept_as(),
-            values: Vec::new(),
-        })
-    };
-    vertex.properties.iter().filter_map(one).collect()
-}
-
-/// Whether vertices have a normal, as three numbers.
-fn has_normals(vertex: &ElementDef) -> bool {
-    NORMAL_NAMES.iter().all(|name| {
-        vertex.properties.get(*name).is_some_and(|p| matches!(p.data_type, PropertyType::Scalar(_)))
-    })
-}
-
-/// Whether any element from `from` on is of interest; what comes later need not be decoded.
-fn wanted(elements: &[ElementDef], want: Want) -> bool {
-    elements.iter().any(|e| e.name == "vertex" || (e.name == "face" && want == Want::Mesh))
-}
-
-/// The warning about what stands behind all that the header promises.
-fn more(what: &str) -> String {
-    format!("{what} behind the last element were not read: the counts of the header may be too small")
-}
-
-/// The error of element `index` running out of bytes.
-fn cut_short(def: &ElementDef, index: usize) -> Error {
-    Error::new(ErrorKind::Format, format!("truncated: {} promised, {index} are whole", def.count))
-        .at_element(format!("{} {index}", def.name))
-        .advise("fetch the file again; if it is whole, its header is wrong")
 }
 
 #[cfg(test)]

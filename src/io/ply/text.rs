@@ -6,8 +6,8 @@ use super::super::polygon::push_fan;
 use super::super::precision::{check_point, round_to_floats};
 use super::super::text::{Lines, float, integer, not_a_number, push_value, show, words};
 use super::super::{Loaded, NORMAL_NAMES, Want};
+use super::elements::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use super::header::Header;
-use super::{CORNERS, axis_of, cut_short, has_normals, more, wanted};
 use crate::geometry::Attribute;
 use crate::{Error, ErrorKind};
 

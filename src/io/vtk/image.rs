@@ -2,7 +2,7 @@
 
 use super::super::precision::check_point;
 use super::super::{Loaded, Want};
-use super::wrong;
+use super::rest::wrong;
 use crate::Error;
 
 /// The places of an image, which it does not list.

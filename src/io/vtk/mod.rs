@@ -12,7 +12,7 @@ mod image;
 mod rest;
 
 use image::Image;
-use rest::{Rest, number_type};
+use rest::{Rest, number_type, wrong};
 
 const MAGIC: &[u8] = b"# vtk DataFile Version";
 
@@ -148,10 +148,6 @@ fn points(parts: &[&[u8]], rest: &mut Rest<'_>, binary: bool, want: Want) -> Res
         .advise("fetch the file again; if it is whole, its count is wrong"));
     }
     Ok(loaded)
-}
-
-fn wrong(what: impl Into<String>) -> Error {
-    Error::new(ErrorKind::Format, what).advise("the file is damaged or not legacy VTK; export it again")
 }
 
 #[cfg(test)]

@@ -2,6 +2,7 @@
 
 use super::super::number::{ByteOrder, NumberType};
 use super::super::text::float;
+use crate::{Error, ErrorKind};
 
 /// The bytes behind the header, of which words and lines are taken.
 pub(super) struct Rest<'a> {
@@ -73,4 +74,9 @@ pub(super) fn number_type(name: &[u8]) -> Option<NumberType> {
         b"unsigned_long" | b"vtktypeuint64" => NumberType::U64,
         _ => return None,
     })
+}
+
+/// The error for a file that is not as legacy VTK files are.
+pub(super) fn wrong(what: impl Into<String>) -> Error {
+    Error::new(ErrorKind::Format, what).advise("the file is damaged or not legacy VTK; export it again")
 }

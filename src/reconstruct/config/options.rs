@@ -2,7 +2,7 @@
 
 use crate::bsp::Parameterization;
 use crate::error::{Error, ErrorKind};
-use crate::field::Activation;
+use crate::field::FieldActivation;
 use crate::gdo::Deformation;
 use crate::optim::Decay;
 use crate::reconstruct::config::{Config, Finishing, Stage, StartShape, Target};
@@ -258,19 +258,19 @@ names!(Deformation, "projection, tanh, offset or none",
     "projection" => Deformation::Projection, "tanh" => Deformation::Tanh,
     "offset" => Deformation::Offset, "none" => Deformation::None);
 
-impl Text for Activation {
+impl Text for FieldActivation {
     fn write(&self) -> String {
         match self {
-            Activation::Relu => "relu".into(),
-            Activation::Softplus { beta } => format!("softplus:{beta}"),
+            FieldActivation::Relu => "relu".into(),
+            FieldActivation::Softplus { beta } => format!("softplus:{beta}"),
         }
     }
     fn read(text: &str) -> Result<Self, &'static str> {
         let expected = "relu or softplus:BETA, such as softplus:100";
         match text.split_once(':') {
-            None if text == "relu" => Ok(Activation::Relu),
+            None if text == "relu" => Ok(FieldActivation::Relu),
             Some(("softplus", beta)) => {
-                Ok(Activation::Softplus { beta: beta.parse().map_err(|_| expected)? })
+                Ok(FieldActivation::Softplus { beta: beta.parse().map_err(|_| expected)? })
             }
             _ => Err(expected),
         }

@@ -3,7 +3,7 @@
 
 use crate::bsp::{BspConfig, Parameterization};
 use crate::error::{Error, ErrorKind};
-use crate::field::{Activation, FieldConfig};
+use crate::field::{FieldActivation, FieldConfig};
 use crate::gdo::Deformation;
 use crate::optim::{Decay, Schedule};
 use crate::reconstruct::config::{Band, Batch, Config, Finishing, Stage, Start, StartShape, Target, Weights};
@@ -91,7 +91,7 @@ fn paper() -> Config {
             depth: 8,
             octaves: 3,
             frequency: 1.0,
-            activation: Activation::Relu,
+            activation: FieldActivation::Relu,
             skip: None,
             radius: 0.35,
         },

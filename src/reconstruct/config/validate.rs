@@ -3,7 +3,7 @@
 use super::{Config, MAX_DRAWN, MAX_FREQUENCY, MAX_STEPS, StartShape};
 use crate::bsp::Parameterization;
 use crate::error::{Error, ErrorKind};
-use crate::field::{Activation, octave_factor};
+use crate::field::{FieldActivation, octave_factor};
 use crate::optim::{Decay, Schedule};
 
 impl Config {
@@ -28,7 +28,7 @@ impl Config {
         let advice = "lower field.frequency or field.octaves: frequency 2^(octaves - 1) may be at most 1000";
         check("field.octaves", f.octaves == 0 || highest <= MAX_FREQUENCY, f.octaves, advice)?;
         positive("field.radius", f.radius, 0.57)?;
-        if let Activation::Softplus { beta } = f.activation {
+        if let FieldActivation::Softplus { beta } = f.activation {
             positive("field.activation", beta, 1e6)?;
         }
         if let Some(skip) = f.skip {

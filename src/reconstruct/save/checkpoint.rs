@@ -10,7 +10,7 @@ use crate::geometry::{Position, widened};
 use crate::nn::Params;
 use crate::optim::Adam;
 use crate::reconstruct::bridges::Bridges;
-use crate::reconstruct::frame::Frame;
+use crate::reconstruct::frame::WorkingFrame;
 use crate::reconstruct::setup::prepare;
 use crate::reconstruct::state::{State, fresh_adam};
 use crate::reconstruct::trainer::{MAX_RECOVERIES, find_band};
@@ -146,7 +146,7 @@ const NORMALS: &str = "normals";
 /// What the axes were stretched by, if they were.
 const STRETCH: &str = "anisotropy";
 
-fn stretched(frame: &Frame) -> Option<String> {
+fn stretched(frame: &WorkingFrame) -> Option<String> {
     (!frame.is_plain()).then(|| frame.stretch().map(|x| x.to_string()).join(" "))
 }
 
@@ -244,7 +244,7 @@ mod tests {
     use super::*;
     use crate::bsp::Parameterization;
     use crate::gdo::Deformation;
-    use crate::geometry::Shape;
+    use crate::geometry::AnalyticShape;
     use crate::reconstruct::tests::ablations::with_charts;
     use crate::reconstruct::tests::{ball, bits, noisy, poison, quick, run, tiny};
     use crate::reconstruct::{Batch, Finishing, Reconstruction};
@@ -335,7 +335,7 @@ mod tests {
     /// A training that bridges a gap on its way ends in the same state, whatever else the options are that may change.
     #[test]
     fn options_that_may_change_do_not_touch_the_training() {
-        let points = Shape::TwoSpheres { radius: 0.21, distance: 0.48 }.sample(250, 3).0;
+        let points = AnalyticShape::TwoSpheres { radius: 0.21, distance: 0.48 }.sample(250, 3).0;
         let trained = |config: &Config| {
             let mut trainer = Trainer::new(&points, config).unwrap();
             while !trainer.is_done() {

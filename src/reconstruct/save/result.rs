@@ -10,7 +10,7 @@ use crate::geometry::{Normalizer, TriangleMesh};
 use crate::random::Random;
 use crate::reconstruct::Reconstruction;
 use crate::reconstruct::final_shape::{FinalShape, FoundShape};
-use crate::reconstruct::frame::Frame;
+use crate::reconstruct::frame::WorkingFrame;
 use crate::reconstruct::phases::MAX_COORDINATE;
 use crate::reconstruct::setup::initial_field;
 use crate::tensor::Tensor;
@@ -112,7 +112,7 @@ impl Reconstruction {
         };
         let stretch: Option<[f64; 3]> = stretch.try_into().ok();
         let stretch = stretch.filter(|s| s.iter().all(|x| (1e-6..=1e6).contains(x)));
-        let frame = Frame::of_parts(
+        let frame = WorkingFrame::of_parts(
             normalizer,
             stretch.ok_or_else(|| damaged("its axes are not stretched by three factors"))?,
         );

@@ -78,7 +78,7 @@ fn factors_that_change_nothing_change_nothing() {
 /// Normals are those of the input, however its axes are stretched.
 #[test]
 fn normals_are_stretched_with_the_points() {
-    let (points, normals) = Shape::RoundedBox { half: [1.0, 0.5, 0.1], round: 0.05 }.sample(240, 2);
+    let (points, normals) = AnalyticShape::RoundedBox { half: [1.0, 0.5, 0.1], round: 0.05 }.sample(240, 2);
     let inward: Vec<[f32; 3]> = normals.iter().map(|n| n.map(|x| -x)).collect();
     let hints = Hints { normals: Some(&inward), anisotropy: Some([1.0, 1.0, 4.0]) };
     let result = Trainer::with_hints(&points, &Config::preset(Preset::Start), &hints).unwrap().finish();

@@ -2,7 +2,7 @@
 
 use super::super::*;
 use super::{ball, quick, tiny};
-use crate::geometry::{Shape, TriangleMesh};
+use crate::geometry::{AnalyticShape, TriangleMesh};
 
 fn run(points: &[[f64; 3]], config: &Config) -> Reconstruction {
     reconstruct(points, config).unwrap()
@@ -10,7 +10,7 @@ fn run(points: &[[f64; 3]], config: &Config) -> Reconstruction {
 
 /// A torus whose coordinates are multiples of 2^-16.
 fn torus() -> Vec<[f64; 3]> {
-    let points = Shape::Torus { major: 0.34, minor: 0.16 }.sample(150, 3).0;
+    let points = AnalyticShape::Torus { major: 0.34, minor: 0.16 }.sample(150, 3).0;
     points.iter().map(|p| p.map(|x| (f64::from(x) * 65536.0).round() / 65536.0)).collect()
 }
 

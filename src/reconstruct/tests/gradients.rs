@@ -7,7 +7,7 @@ use super::super::*;
 use super::{at_training, ball, tiny};
 use crate::bsp::Parameterization;
 use crate::gdo::Deformation;
-use crate::geometry::Shape;
+use crate::geometry::AnalyticShape;
 use crate::optim::gradient_norm;
 use crate::tensor::Tensor;
 
@@ -137,7 +137,7 @@ fn weighted_terms(config: &Config, terms: &Terms, progress: f32) -> f64 {
 /// and of Psi. (Those of Phi also go straight through the choice of patches, which differences do not see; they are
 /// checked with Phi.) Returns how many agreed and how many differences had not settled.
 fn check_step(config: &Config, step: usize, seed: u64) -> (usize, usize) {
-    let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, seed).0;
+    let points = AnalyticShape::Torus { major: 0.33, minor: 0.16 }.sample(40, seed).0;
     let config = Config { seed, ..config.clone() };
     let mut trainer = at_training(&points, &config);
     let parts_of_s = if config.batch.centres < points.len() { 2 } else { 1 };

@@ -11,8 +11,8 @@ mod sides;
 mod trace;
 
 use super::*;
-use crate::field::Activation;
-use crate::geometry::Shape;
+use crate::field::FieldActivation;
+use crate::geometry::AnalyticShape;
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
 
@@ -22,7 +22,7 @@ pub(in crate::reconstruct) fn tiny() -> Config {
     config.field.width = 16;
     config.field.depth = 2;
     config.field.octaves = 1;
-    config.field.activation = Activation::Softplus { beta: 20.0 };
+    config.field.activation = FieldActivation::Softplus { beta: 20.0 };
     config.bsp.channels = 8;
     config.bsp.heads = 2;
     config.bsp.patch = 4;
@@ -41,7 +41,7 @@ pub(in crate::reconstruct) fn tiny() -> Config {
 
 /// A sphere that is not centred, so that frames matter.
 pub(in crate::reconstruct) fn ball(n: usize) -> Vec<[f32; 3]> {
-    let points = Shape::Sphere { radius: 3.0 }.sample(n, 5).0;
+    let points = AnalyticShape::Sphere { radius: 3.0 }.sample(n, 5).0;
     points.into_iter().map(|p| [p[0] + 10.0, p[1] - 4.0, p[2]]).collect()
 }
 

@@ -271,12 +271,12 @@ proptest::proptest! {
     /// The same points, some of them twice, in another order give the same bytes, and so do their normals.
     #[test]
     fn the_order_of_the_points_makes_no_difference(seed: u64, start: bool, hinted: bool) {
-        use crate::geometry::Shape;
+        use crate::geometry::AnalyticShape;
         use crate::reconstruct::Hints;
         use rand::SeedableRng;
         use rand::rngs::ChaCha8Rng;
         use rand::seq::SliceRandom;
-        let (points, normals) = Shape::Torus { major: 1.0, minor: 0.4 }.sample(70, 3);
+        let (points, normals) = AnalyticShape::Torus { major: 1.0, minor: 0.4 }.sample(70, 3);
         let config = if start { Config::preset(Preset::Start) } else { tiny() };
         let of = |rows: &[usize]| {
             let (points, normals): (Vec<[f32; 3]>, Vec<[f32; 3]>) =

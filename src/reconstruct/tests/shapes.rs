@@ -4,11 +4,11 @@ use super::super::*;
 use super::{at_training, ball, noisy, quick, run};
 use crate::bsp::{Parameterization, SurfaceMap};
 use crate::error::ErrorKind;
-use crate::geometry::Shape;
+use crate::geometry::AnalyticShape;
 use crate::random::Random;
 
 /// Reconstructs a shape of known topology from a few points, in a frame of its own.
-fn check_shape(shape: Shape, count: usize, components: usize, genus: i64) {
+fn check_shape(shape: AnalyticShape, count: usize, components: usize, genus: i64) {
     let points: Vec<[f32; 3]> =
         shape.sample(count, 3).0.into_iter().map(|p| [7.0 * p[0] + 100.0, 7.0 * p[1], 7.0 * p[2]]).collect();
     let result = run(&points, &quick());
@@ -31,17 +31,17 @@ fn check_shape(shape: Shape, count: usize, components: usize, genus: i64) {
 
 #[test]
 fn a_sphere_comes_back() {
-    check_shape(Shape::Sphere { radius: 0.5 }, 200, 1, 0);
+    check_shape(AnalyticShape::Sphere { radius: 0.5 }, 200, 1, 0);
 }
 
 #[test]
 fn a_torus_comes_back() {
-    check_shape(Shape::Torus { major: 0.34, minor: 0.16 }, 300, 1, 1);
+    check_shape(AnalyticShape::Torus { major: 0.34, minor: 0.16 }, 300, 1, 1);
 }
 
 #[test]
 fn two_spheres_come_back() {
-    check_shape(Shape::TwoSpheres { radius: 0.21, distance: 0.58 }, 250, 2, 0);
+    check_shape(AnalyticShape::TwoSpheres { radius: 0.21, distance: 0.58 }, 250, 2, 0);
 }
 
 #[test]

@@ -34,7 +34,7 @@ fn right(result: &Reconstruction, points: &[[f32; 3]], normals: &[[f32; 3]]) -> 
 #[test]
 fn inside_is_where_given_normals_point_away_from() {
     let config = Config::preset(Preset::Start);
-    let (ball, outward) = Shape::Sphere { radius: 1.0 }.sample(240, 3);
+    let (ball, outward) = AnalyticShape::Sphere { radius: 1.0 }.sample(240, 3);
     let (cap, of_cap): (Rows, Rows) = ball.iter().zip(&outward).filter(|(p, _)| p[2] > 0.0).unzip();
     let sheet = |i: usize| {
         let (x, y) = ((i as f32 * 0.618_034).fract() * 2.0 - 1.0, i as f32 / 120.0 - 1.0);
@@ -92,7 +92,7 @@ fn a_trained_field_keeps_the_sides_it_was_told() {
 /// Points that repeat others are left out with their normals, and what says nothing counts for nothing.
 #[test]
 fn normals_go_with_their_points() {
-    let (points, normals) = Shape::Sphere { radius: 1.0 }.sample(120, 4);
+    let (points, normals) = AnalyticShape::Sphere { radius: 1.0 }.sample(120, 4);
     let config = Config::preset(Preset::Start);
     let plain = with(&points, &normals, &config);
     let (mut more, mut long): (Rows, Rows) =

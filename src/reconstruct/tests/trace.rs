@@ -11,7 +11,7 @@
 
 use super::super::*;
 use super::tiny;
-use crate::geometry::Shape;
+use crate::geometry::AnalyticShape;
 use crate::simd::testing::{at, available};
 
 /// The steps of the training proper.
@@ -41,7 +41,7 @@ fn small(preset: Preset) -> Config {
 
 /// The losses of all steps of the training proper, on this thread alone.
 fn losses(config: &Config) -> Vec<f32> {
-    let points = Shape::Torus { major: 0.33, minor: 0.16 }.sample(40, 2).0;
+    let points = AnalyticShape::Torus { major: 0.33, minor: 0.16 }.sample(40, 2).0;
     let mut trainer = Trainer::new(&points, config).unwrap();
     let mut losses = Vec::new();
     while !trainer.is_done() {

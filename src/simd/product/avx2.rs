@@ -2,7 +2,7 @@
 //! value of the left side at a time, in sixteen registers. Twelve chains cover the latency of two multiply-adds a
 //! cycle.
 
-use super::{MicroKernel, Tile, TileFn, Tiles, each_row};
+use super::tile::{MicroKernel, Tile, TileFn, Tiles, each_row};
 use std::arch::x86_64::{
     __m256, _mm256_add_ps, _mm256_broadcast_ss, _mm256_fmadd_ps, _mm256_loadu_ps, _mm256_setzero_ps,
     _mm256_storeu_ps,

@@ -1,7 +1,7 @@
 //! Tiles of 512-bit vectors: 12 x 32 values are twenty-four sums, two vectors of the panel and one value of the left
 //! side at a time, in thirty-two registers.
 
-use super::{MicroKernel, Tile, TileFn, Tiles, each_row};
+use super::tile::{MicroKernel, Tile, TileFn, Tiles, each_row};
 use std::arch::x86_64::{
     __m512, _mm512_add_ps, _mm512_fmadd_ps, _mm512_loadu_ps, _mm512_set1_ps, _mm512_setzero_ps,
     _mm512_storeu_ps,

@@ -11,100 +11,21 @@
 mod avx2;
 #[cfg(target_arch = "x86_64")]
 mod avx512;
+mod kernels;
+mod mat;
 mod panels;
 mod portable;
 #[cfg(test)]
 mod tests;
+mod tile;
 
-pub(crate) use panels::Panels;
+#[cfg(test)]
+pub(super) use kernels::fuses;
+pub(crate) use mat::MatRef;
+pub(crate) use panels::{DEPTH, Panels};
 
 use super::InstructionSet;
-
-/// Inner indices that a panel covers: so many rows of a panel stay in the first-level cache.
-pub(crate) const DEPTH: usize = 256;
-
-/// A matrix in a slice, row-major or the transpose of a row-major one: rows or columns are contiguous, and `stride`
-/// values lie between their beginnings.
-#[derive(Clone, Copy)]
-pub(crate) struct MatRef<'a> {
-    data: &'a [f32],
-    rows: usize,
-    cols: usize,
-    stride: usize,
-    transposed: bool,
-}
-
-impl<'a> MatRef<'a> {
-    /// rows x cols with contiguous rows `stride` apart.
-    ///
-    /// # Panics
-    /// If the slice is too short for the shape.
-    #[track_caller]
-    pub(crate) fn window(data: &'a [f32], rows: usize, cols: usize, stride: usize) -> Self {
-        let long_enough = rows == 0
-            || cols == 0
-            || (rows - 1)
-                .checked_mul(stride)
-                .and_then(|last| last.checked_add(cols))
-                .is_some_and(|end| end <= data.len());
-        assert!(long_enough, "matrix: {rows} x {cols}, rows {stride} apart, in {} values", data.len());
-        MatRef { data, rows, cols, stride, transposed: false }
-    }
-
-    /// The transpose.
-    pub(crate) fn t(self) -> Self {
-        MatRef { rows: self.cols, cols: self.rows, transposed: !self.transposed, ..self }
-    }
-
-    pub(crate) fn rows(self) -> usize {
-        self.rows
-    }
-
-    pub(crate) fn cols(self) -> usize {
-        self.cols
-    }
-
-    /// Whether the columns are contiguous, not the rows.
-    pub(crate) fn is_transposed(self) -> bool {
-        self.transposed
-    }
-
-    fn row_stride(self) -> usize {
-        if self.transposed { 1 } else { self.stride }
-    }
-
-    fn col_stride(self) -> usize {
-        if self.transposed { self.stride } else { 1 }
-    }
-
-    /// The value at a row and a column.
-    #[inline(always)]
-    pub(crate) fn at(self, row: usize, col: usize) -> f32 {
-        self.data[row * self.row_stride() + col * self.col_stride()]
-    }
-
-    /// The contiguous values of a row, or of a column if the matrix is [transposed](Self::is_transposed).
-    #[inline(always)]
-    pub(crate) fn line(self, i: usize) -> &'a [f32] {
-        &self.data[i * self.stride..][..if self.transposed { self.rows } else { self.cols }]
-    }
-
-    /// `rows` x `cols` from a row and a column on.
-    ///
-    /// # Panics
-    /// If it is not within the matrix.
-    #[track_caller]
-    pub(crate) fn part(self, first_row: usize, rows: usize, first_col: usize, cols: usize) -> Self {
-        assert!(
-            first_row + rows <= self.rows && first_col + cols <= self.cols,
-            "matrix: {rows} x {cols} from ({first_row}, {first_col}) of {} x {}",
-            self.rows,
-            self.cols
-        );
-        let start = first_row * self.row_stride() + first_col * self.col_stride();
-        MatRef { data: self.data.get(start..).unwrap_or_default(), rows, cols, ..self }
-    }
-}
+use tile::{MAX_TILE, MicroKernel, Tile, Tiles};
 
 /// A rectangle of values in a slice, `stride` between the beginnings of its rows, that a product goes to.
 pub(crate) struct Target<'a> {
@@ -124,103 +45,13 @@ pub(crate) enum Base<'a> {
     Row(&'a [f32]),
 }
 
-/// One tile of a product as its inner loop sees it; see [`TileFn`].
-#[derive(Clone, Copy)]
-struct Tile {
-    /// The first value of the left side.
-    left: *const f32,
-    /// Values between the beginnings of the left side's rows, or of its columns if these are contiguous.
-    left_stride: usize,
-    /// Inner indices.
-    depth: usize,
-    /// `depth` rows of the kernel's columns.
-    panel: *const f32,
-    out: *mut f32,
-    out_stride: usize,
-    /// What the sums are added to: rows `base_stride` apart, or null for nothing.
-    base: *const f32,
-    base_stride: usize,
-}
-
-/// Values of a tile, at most.
-const MAX_TILE: usize = 12 * 32;
-
-/// Computes a tile of a fixed number of rows and columns.
-///
-/// # Safety
-/// The processor has the kernel's instruction set; all values of the left side (rows x depth) and of the panel (depth x
-/// the kernel's columns) can be read, as can the base's if it is not null; those of the result (rows x the tile's
-/// columns) can be read and written.
-type TileFn = unsafe fn(&Tile);
-
-/// The tiles of 1, 2, ... rows with contiguous rows on the left side and those with contiguous columns.
-struct Tiles {
-    straight: &'static [TileFn],
-    transposed: &'static [TileFn],
-}
-
-/// Runs a block for the rows 0, 1, ... of a tile, at most 12, each with the row as a constant. The sums of a tile stay
-/// in registers only if none of them is reached through a variable index: loops, which the compiler may or may not
-/// unroll in time, have put them on the stack.
-#[cfg(target_arch = "x86_64")]
-macro_rules! each_row {
-    ($rows:expr, |$i:ident| $body:block) => {
-        each_row!(@ $rows, $i, $body, 0 1 2 3 4 5 6 7 8 9 10 11);
-    };
-    (@ $rows:expr, $i:ident, $body:block, $($at:literal)*) => {
-        $(if $at < $rows {
-            const $i: usize = $at;
-            $body
-        })*
-    };
-}
-#[cfg(target_arch = "x86_64")]
-use each_row;
-
-/// The tiles of an instruction set.
-trait MicroKernel {
-    /// Columns of a panel, 16 or 32.
-    const COLUMNS: usize;
-    /// Columns of the narrow tiles, for what is left of the columns.
-    const NARROW_COLUMNS: usize;
-    /// Whether multiply and add round once.
-    const FUSED: bool;
-    /// Tiles of [`COLUMNS`](Self::COLUMNS), up to as many rows as fit into the registers.
-    const TILES: Tiles;
-    /// Tiles of [`NARROW_COLUMNS`](Self::NARROW_COLUMNS).
-    const NARROW_TILES: Tiles;
-}
-
-/// Columns of a panel at an instruction set.
-fn panel_columns(set: InstructionSet) -> usize {
-    match set {
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx512 => avx512::Avx512::COLUMNS,
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx2 => avx2::Avx2::COLUMNS,
-        _ => portable::Portable::COLUMNS,
-    }
-}
-
-/// Whether products at an instruction set round once for multiply and add.
-#[cfg(test)]
-pub(super) fn fuses(set: InstructionSet) -> bool {
-    match set {
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx512 => avx512::Avx512::FUSED,
-        #[cfg(target_arch = "x86_64")]
-        InstructionSet::Avx2 => avx2::Avx2::FUSED,
-        _ => portable::Portable::FUSED,
-    }
-}
-
 /// target = base + left times the matrix in the panels, on this thread.
 ///
 /// # Panics
 /// If the inner sides differ or the target is too short.
 #[track_caller]
 pub(crate) fn multiply(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
-    let (m, k, n) = (left.rows, left.cols, right.cols());
+    let (m, k, n) = (left.rows(), left.cols(), right.cols());
     assert!(k == right.rows(), "product: [{m}x{k}] and [{}x{n}]", right.rows());
     if m == 0 || n == 0 {
         return;

@@ -1,8 +1,12 @@
 //! The right side of products, copied so that the inner loop reads it from front to back.
 
-use super::{DEPTH, MatRef, panel_columns};
+use super::MatRef;
+use super::kernels::panel_columns;
 use crate::simd::{InstructionSet, instruction_set};
 use rayon::prelude::*;
+
+/// Inner indices that a panel covers: so many rows of a panel stay in the first-level cache.
+pub(crate) const DEPTH: usize = 256;
 
 /// Values of a right side below which its panels are filled on the calling thread.
 const MIN_PARALLEL_COPY: usize = 1 << 17;

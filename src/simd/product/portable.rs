@@ -1,6 +1,6 @@
 //! Tiles in plain Rust, for the target's own vectors: for processors without the other instruction sets.
 
-use super::{MicroKernel, Tile, TileFn, Tiles};
+use super::tile::{MicroKernel, Tile, TileFn, Tiles};
 
 pub(super) struct Portable;
 

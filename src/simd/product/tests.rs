@@ -1,7 +1,8 @@
 //! One runner for the tiles of every instruction set: each is compared with a plain chain of multiply-adds, bit for
 //! bit.
 
-use super::{Base, DEPTH, MatRef, Panels, Target, fuses, multiply, panel_columns, rows_of_tile};
+use super::kernels::{fuses, panel_columns};
+use super::{Base, DEPTH, MatRef, Panels, Target, multiply, rows_of_tile};
 use crate::simd::InstructionSet;
 use crate::simd::testing::{at, available};
 use proptest::prelude::*;
