@@ -73,6 +73,9 @@ macro_rules! chains {
 chains!(chains_avx2, "avx2,fma", 8);
 #[cfg(target_arch = "x86_64")]
 chains!(chains_avx512, "avx512f,avx512vl,fma", 16);
+// Two vectors a chain: four multiply-adds a cycle that take four cycles each need 16 chains.
+#[cfg(target_arch = "aarch64")]
+chains!(chains_neon, "neon", 8);
 
 /// GFLOP/s of a loop that touches nothing but registers; `None` for the portable loop, whose vectors are the target's.
 fn peak(set: InstructionSet) -> Option<f64> {
@@ -89,8 +92,15 @@ fn peak(set: InstructionSet) -> Option<f64> {
             InstructionSet::Avx512 => {
                 return Some(flops(16) / best(|| _ = black_box(unsafe { chains_avx512(TURNS) })) / 1e9);
             }
-            InstructionSet::Portable => {}
+            InstructionSet::Portable | InstructionSet::Neon => {}
         }
+    }
+    #[cfg(target_arch = "aarch64")]
+    if set == InstructionSet::Neon {
+        // SAFETY: every such processor has NEON.
+        return Some(
+            (TURNS * 12 * 8 * 2) as f64 / best(|| _ = black_box(unsafe { chains_neon(TURNS) })) / 1e9,
+        );
     }
     None
 }
@@ -125,7 +135,8 @@ fn product(set: InstructionSet, (m, k, n, transposed): (usize, usize, usize, [bo
 fn main() {
     // `cargo test --benches` and `cargo bench -- --test` only ask whether it runs.
     let rounds = if std::env::args().any(|arg| arg == "--test") { 1 } else { ROUNDS };
-    let sets = [InstructionSet::Portable, InstructionSet::Avx2, InstructionSet::Avx512];
+    use InstructionSet::{Avx2, Avx512, Neon, Portable};
+    let sets = [Portable, Neon, Avx2, Avx512];
     for set in sets.into_iter().filter(|set| set.is_available()) {
         let mut most = 0.0f64;
         let mut found = [0.0f64; SHAPES.len()];

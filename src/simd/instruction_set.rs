@@ -5,6 +5,8 @@
 pub(crate) enum InstructionSet {
     /// What the compilation target guarantees.
     Portable,
+    /// aarch64 with 128-bit vectors and fused multiply-adds, which every such processor has.
+    Neon,
     /// x86-64 with 256-bit vectors (AVX2) and fused multiply-adds (FMA).
     Avx2,
     /// x86-64 with 512-bit vectors (AVX-512 F and VL).
@@ -26,8 +28,9 @@ impl InstructionSet {
                     && is_x86_feature_detected!("avx512vl")
                     && is_x86_feature_detected!("fma")
             }
+            InstructionSet::Neon => cfg!(target_arch = "aarch64"),
             #[cfg(not(target_arch = "x86_64"))]
-            _ => false,
+            InstructionSet::Avx2 | InstructionSet::Avx512 => false,
         }
     }
 }
@@ -39,6 +42,6 @@ pub(crate) fn instruction_set() -> InstructionSet {
     if let Some(forced) = super::testing::forced() {
         return forced;
     }
-    let wider = [InstructionSet::Avx512, InstructionSet::Avx2];
+    let wider = [InstructionSet::Avx512, InstructionSet::Avx2, InstructionSet::Neon];
     wider.into_iter().find(|set| set.is_available()).unwrap_or(InstructionSet::Portable)
 }

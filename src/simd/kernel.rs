@@ -25,7 +25,8 @@ macro_rules! kernel {
                     InstructionSet::Avx512 => return unsafe { avx512($($arg),*) },
                     // SAFETY: as above.
                     InstructionSet::Avx2 => return unsafe { avx2($($arg),*) },
-                    InstructionSet::Portable => {}
+                    // The target's own vectors are those of NEON on aarch64.
+                    InstructionSet::Portable | InstructionSet::Neon => {}
                 }
             }
             portable($($arg),*)

@@ -3,8 +3,8 @@
 //!
 //! This is the only place with unsafe code. Loops of [`kernel!`] neither fuse nor reorder float operations, so which
 //! instruction set runs changes their speed and never a result. Every value of a matrix product is one chain of
-//! multiply-adds in the order of the inner index, fused wherever the instruction set can: AVX2 and AVX-512 agree bit
-//! for bit, the portable loop of x86-64 rounds twice where they round once.
+//! multiply-adds in the order of the inner index, fused wherever the instruction set can: AVX2, AVX-512 and NEON agree
+//! bit for bit, the portable loop rounds twice where they round once.
 
 mod instruction_set;
 mod kernel;

@@ -17,7 +17,8 @@ pub(super) fn forced() -> Option<InstructionSet> {
 
 /// Every instruction set that this processor has, the portable one first.
 pub(crate) fn available() -> Vec<InstructionSet> {
-    let all = [InstructionSet::Portable, InstructionSet::Avx2, InstructionSet::Avx512];
+    use InstructionSet::{Avx2, Avx512, Neon, Portable};
+    let all = [Portable, Neon, Avx2, Avx512];
     all.into_iter().filter(|set| set.is_available()).collect()
 }
 

@@ -4,6 +4,8 @@
 
 use super::{Loaded, Want};
 use crate::Error;
+#[cfg(not(feature = "formats"))]
+use crate::ErrorKind;
 use crate::geometry::{Attribute, Number};
 
 mod header;

@@ -9,7 +9,7 @@ const GROUPS: [(&str, &str, &str); 7] = [
     ("band.", "Band", include_str!("mod.rs")),
     ("batch.", "Batch", include_str!("mod.rs")),
     ("field.", "FieldConfig", include_str!("../../field/config.rs")),
-    ("bsp.", "BspConfig", include_str!("../../bsp/mod.rs")),
+    ("bsp.", "BspConfig", include_str!("../../bsp/config.rs")),
     ("weights.", "Weights", include_str!("../objective.rs")),
 ];
 

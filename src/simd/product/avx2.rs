@@ -16,6 +16,7 @@ const LANES: usize = 8;
 impl MicroKernel for Avx2 {
     const COLUMNS: usize = 2 * LANES;
     const NARROW_COLUMNS: usize = LANES;
+    #[cfg(test)]
     const FUSED: bool = true;
     const TILES: Tiles = Tiles { straight: &wide::<false>(), transposed: &wide::<true>() };
     const NARROW_TILES: Tiles = Tiles { straight: &narrow::<false>(), transposed: &narrow::<true>() };

@@ -17,6 +17,7 @@ const ROWS: usize = 12;
 impl MicroKernel for Avx512 {
     const COLUMNS: usize = 2 * LANES;
     const NARROW_COLUMNS: usize = LANES;
+    #[cfg(test)]
     const FUSED: bool = true;
     const TILES: Tiles = Tiles { straight: &tiles::<2, false>(), transposed: &tiles::<2, true>() };
     const NARROW_TILES: Tiles = Tiles { straight: &tiles::<1, false>(), transposed: &tiles::<1, true>() };

@@ -1,5 +1,7 @@
 //! Which tiles an instruction set has.
 
+#[cfg(target_arch = "aarch64")]
+use super::neon::Neon;
 use super::portable::Portable;
 use super::tile::MicroKernel;
 #[cfg(target_arch = "x86_64")]
@@ -13,6 +15,8 @@ pub(super) fn panel_columns(set: InstructionSet) -> usize {
         InstructionSet::Avx512 => Avx512::COLUMNS,
         #[cfg(target_arch = "x86_64")]
         InstructionSet::Avx2 => Avx2::COLUMNS,
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => Neon::COLUMNS,
         _ => Portable::COLUMNS,
     }
 }
@@ -25,6 +29,8 @@ pub(in crate::simd) fn fuses(set: InstructionSet) -> bool {
         InstructionSet::Avx512 => Avx512::FUSED,
         #[cfg(target_arch = "x86_64")]
         InstructionSet::Avx2 => Avx2::FUSED,
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => Neon::FUSED,
         _ => Portable::FUSED,
     }
 }

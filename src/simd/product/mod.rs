@@ -13,6 +13,8 @@ mod avx2;
 mod avx512;
 mod kernels;
 mod mat;
+#[cfg(target_arch = "aarch64")]
+mod neon;
 mod panels;
 mod portable;
 #[cfg(test)]
@@ -70,6 +72,8 @@ pub(crate) fn multiply(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
         InstructionSet::Avx512 => multiply_with::<avx512::Avx512>(target, left, right),
         #[cfg(target_arch = "x86_64")]
         InstructionSet::Avx2 => multiply_with::<avx2::Avx2>(target, left, right),
+        #[cfg(target_arch = "aarch64")]
+        InstructionSet::Neon => multiply_with::<neon::Neon>(target, left, right),
         _ => multiply_with::<portable::Portable>(target, left, right),
     }
 }

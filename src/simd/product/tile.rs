@@ -38,7 +38,7 @@ pub(super) struct Tiles {
 /// Runs a block for the rows 0, 1, ... of a tile, at most 12, each with the row as a constant. The sums of a tile stay
 /// in registers only if none of them is reached through a variable index: loops, which the compiler may or may not
 /// unroll in time, have put them on the stack.
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 macro_rules! each_row {
     ($rows:expr, |$i:ident| $body:block) => {
         each_row!(@ $rows, $i, $body, 0 1 2 3 4 5 6 7 8 9 10 11);
@@ -50,7 +50,7 @@ macro_rules! each_row {
         })*
     };
 }
-#[cfg(target_arch = "x86_64")]
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 pub(super) use each_row;
 
 /// The tiles of an instruction set.
@@ -60,6 +60,7 @@ pub(super) trait MicroKernel {
     /// Columns of the narrow tiles, for what is left of the columns.
     const NARROW_COLUMNS: usize;
     /// Whether multiply and add round once.
+    #[cfg(test)]
     const FUSED: bool;
     /// Tiles of [`COLUMNS`](Self::COLUMNS), up to as many rows as fit into the registers.
     const TILES: Tiles;
