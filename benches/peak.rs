@@ -11,7 +11,7 @@
 #[path = "../src/simd/mod.rs"]
 mod simd;
 
-use simd::product::{Base, DEPTH, MatRef, Panels, Target, multiply};
+use simd::product::{Base, DEPTH, Destination, MatRef, Panels, multiply};
 use simd::{InstructionSet, instruction_set};
 use std::hint::black_box;
 use std::time::Instant;
@@ -124,7 +124,7 @@ fn product(set: InstructionSet, (m, k, n, transposed): (usize, usize, usize, [bo
             let depth = DEPTH.min(k - first);
             panels.fill_for(set, right.part(first, depth, 0, n));
             let base = if first == 0 { Base::Zero } else { Base::Out };
-            let target = Target { data: &mut out, stride: n, base };
+            let target = Destination { data: &mut out, stride: n, base };
             multiply(target, left.part(0, m, first, depth), &panels);
         }
         black_box(&mut out);

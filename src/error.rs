@@ -19,9 +19,9 @@ pub enum ErrorKind {
     NoSurface,
     /// The optimisation produced non-finite values and could not be brought back.
     Diverged,
-    /// The progress callback asked to stop.
+    /// The observer asked to stop.
     Cancelled,
-    /// A checkpoint is damaged or belongs to another configuration.
+    /// A checkpoint or a saved result is damaged, of another kind, or belongs to another configuration.
     Checkpoint,
 }
 

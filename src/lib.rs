@@ -67,7 +67,7 @@
 //! of, for losses and layers of one's own. A module uses those below it; `io` and `evaluate` use `geometry` only.
 //!
 //! - [`mod@reconstruct`]: options and presets, the training, its checkpoints, and the result.
-//! - [`scene`]: what of a surface the points speak for, and the rest cut away.
+//! - [`scene`]: how well the points support each part of a surface; cuts away what they do not support.
 //! - [`start`]: strays among the points, and what kind of sampling they are.
 //! - [`bsp`]: from the points to codes on the sphere (Phi), patches around them, and back to space (Psi).
 //! - [`gdo`]: the move of grid vertices along the field, and the differentiable surface.

@@ -76,6 +76,40 @@ fn names_of_columns_are_followed_and_other_columns_can_be_given() {
 }
 
 #[test]
+fn the_order_of_rows_changes_neither_strays_nor_sides_nor_what_is_carried() {
+    let dir = Dir::new("shuffled");
+    let (points, normals) = AnalyticShape::Torus { major: 1.0, minor: 0.4 }.sample(80, 1);
+    let mut rows: Vec<String> = points
+        .iter()
+        .zip(&normals)
+        .enumerate()
+        .map(|(i, (p, n))| format!("{} {} {} {} {} {} {i}\n", p[0], p[1], p[2], n[0], n[1], n[2]))
+        .collect();
+    rows.push("9.5 -8.25 7.125 0 0 1 80\n".into());
+    let head = "ply\nformat ascii 1.0\nelement vertex 81\nproperty float x\nproperty float y\nproperty float z\n\
+                property float nx\nproperty float ny\nproperty float nz\nproperty ushort class\nend_header\n";
+    let mesh = |name: &str, rows: &[String]| {
+        let cloud = dir.text(&format!("{name}.ply"), format!("{head}{}", rows.concat()));
+        let mesh = dir.path(&format!("{name}_mesh.ply"));
+        let mut command = program();
+        command.arg("reconstruct").arg(&cloud).arg("-o").arg(&mesh);
+        command.args(["--preset", "start", "--normals", "use", "--carry", "--json", "--resolution", "32"]);
+        let json = parse(&out(&run(&mut command, 0)));
+        assert_eq!(json.at("strays").as_array().unwrap().len(), 1, "{json}");
+        assert_eq!(json.at("sides").as_str(), Some("normals"), "{json}");
+        fs::read(mesh).unwrap()
+    };
+    let first = mesh("first", &rows);
+    rows.reverse();
+    rows.swap(3, 60);
+    rows.rotate_left(17);
+    assert!(mesh("shuffled", &rows) == first);
+    // The classes are in the mesh: other ones give another file.
+    let renamed: Vec<String> = rows.iter().map(|row| row.replacen(" 12\n", " 13\n", 1)).collect();
+    assert!(mesh("renamed", &renamed) != first);
+}
+
+#[test]
 fn raw_rows_of_another_length_are_doubted() {
     let dir = Dir::new("raw");
     let rows: Vec<u8> = torus()

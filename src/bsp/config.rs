@@ -29,9 +29,9 @@ pub struct BspConfig {
     /// point's share of the surface, in the plane of its normal and bent as its neighbours lie. Needs `layout`, and
     /// takes the place of `average_positions`. Default false; the preset `paper` has true (`benches/paper.md`).
     pub charts: bool,
-    /// L_para asks nothing of points of S that are nearer to the cloud than this share of their chart's radius: so that
-    /// S need not lie on the points to be a surface through them. Has no effect without `charts`. Default 0; the preset
-    /// `paper` has 1 (`benches/paper.md`).
+    /// Points of S nearer to the cloud than this share of their chart's radius add nothing to L_para, so that S can be
+    /// a surface through the points without lying on them everywhere. Has no effect without `charts`. Default 0; the
+    /// preset `paper` has 1 (`benches/paper.md`).
     pub slack: f32,
     /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
     /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the distance from p to

@@ -149,7 +149,8 @@ impl Neighbourhood {
         let (reach, k) = (config.reach.map(|reach| reach.min(n)), config.neighbours.clamp(1, n));
         let around = reach.unwrap_or(k).max(k);
         let near = finder.k_nearest(&centres, around);
-        // Not always among those: both are chosen from the points in space that are near enough for their number.
+        // Searched separately: each search picks its k from the 4 k nearest in space, so these need not be a subset of
+        // `near`.
         let own = finder.k_nearest(&centres, k);
         let mut row = vec![u32::MAX; n];
         let b = centres.len();

@@ -29,7 +29,8 @@ impl Carried {
             Some(format!("{format} files hold colours only: not carried are {}; write ply", names(&left)))
         } else if attributes.is_empty() {
             Some(
-                "nothing is carried: the points have no numbers beside their coordinates that could be"
+                "nothing is carried: no numbers beside the coordinates were read; columns of a text are if a line of \
+                 names comes first"
                     .into(),
             )
         } else {

@@ -61,8 +61,9 @@ pub fn without<T: Copy>(points: &[T], left_out: &[u32]) -> Vec<T> {
     (0..).zip(points).filter(kept).map(|(_, p)| *p).collect()
 }
 
-/// What makes it doubtful that a surface is found, in a sentence each.
-pub fn doubts(clean: &CleanCloud) -> Vec<String> {
+/// What makes it doubtful that a surface is found, in a sentence each; `stretched` says whether the axes are multiplied
+/// by factors of the user's.
+pub fn doubts(clean: &CleanCloud, stretched: bool) -> Vec<String> {
     let mut told = Vec::new();
     let n = clean.points.len();
     if n < MIN_POINTS {
@@ -90,7 +91,7 @@ pub fn doubts(clean: &CleanCloud) -> Vec<String> {
                 .into(),
         );
     }
-    if let Some(uneven) = seen.uneven {
+    if let Some(uneven) = seen.uneven.filter(|_| !stretched) {
         let factors = uneven.anisotropy.map(shortest).join(",");
         told.push(format!(
             "the points lie on slices or lines {:.0} times as far apart as the points on them: --anisotropy {factors} \
@@ -133,7 +134,7 @@ mod tests {
 
     #[test]
     fn doubtful_clouds_are_told() {
-        let of = |points: &[[f32; 3]]| doubts(&clean_cloud(points).unwrap());
+        let of = |points: &[[f32; 3]]| doubts(&clean_cloud(points).unwrap(), false);
         let sphere = AnalyticShape::Sphere { radius: 1.0 }.sample(200, 1).0;
         assert_eq!(of(&sphere), [""; 0]);
         assert!(of(&sphere[..12])[0].contains("12 points are few"));

@@ -53,19 +53,38 @@ pub fn list_presets() -> Result<(), Failure> {
     print(text)
 }
 
-/// One line an option; options below an option that has a value itself get quoted keys, as TOML asks.
+/// One line an option, with what it means above it; options below an option that has a value itself get quoted keys, as
+/// TOML asks.
 fn to_toml(config: &Config) -> String {
     let entries = config.entries();
+    let mut docs: Vec<(&str, String)> = Config::documentation();
+    // The parts of a schedule share their text.
+    docs.dedup_by(|next, first| next.1 == first.1);
     let below = |key: &str| {
         entries.iter().any(|(other, _)| key.strip_prefix(other).is_some_and(|rest| rest.starts_with('.')))
     };
     entries
         .iter()
         .map(|(key, value)| {
+            let docs = docs.iter().find(|(documented, _)| documented == key).map(|(_, docs)| comment(docs));
             let key = if below(key) { quoted(key) } else { key.to_string() };
-            format!("{key} = {}\n", literal(value))
+            format!("{}{key} = {}\n", docs.unwrap_or_default(), literal(value))
         })
         .collect()
+}
+
+/// A text as lines of a comment, after an empty line.
+fn comment(text: &str) -> String {
+    let mut lines = vec![String::new(), "#".to_string()];
+    for word in text.split_whitespace() {
+        let last = lines.last_mut().expect("not empty");
+        if last.len() + word.len() < 100 {
+            *last += &format!(" {word}");
+        } else {
+            lines.push(format!("# {word}"));
+        }
+    }
+    lines.join("\n") + "\n"
 }
 
 /// The value as TOML: a number or truth value where it is one, else a text.
@@ -94,6 +113,20 @@ mod tests {
             std::fs::remove_file(dir).unwrap();
             assert_eq!(back, config, "{text}");
         }
+    }
+
+    #[test]
+    fn every_option_stands_below_what_it_means() {
+        let text = to_toml(&Config::default());
+        let lines: Vec<&str> = text.lines().collect();
+        let above = |key: &str| {
+            let at = lines.iter().position(|line| line.starts_with(&format!("{key} = "))).unwrap();
+            lines[at - 1]
+        };
+        for key in ["weights.cover", "bsp.slack", "seed", "field_rate.base", "field.width"] {
+            assert!(above(key).starts_with("# "), "{key}: {}", above(key));
+        }
+        assert!(lines.iter().all(|line| line.len() <= 100 || !line.starts_with('#')));
     }
 
     #[test]

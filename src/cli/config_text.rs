@@ -13,13 +13,29 @@ pub fn parse(text: &str) -> Result<Table, Error> {
         let line = e
             .span()
             .map(|s| 1 + text.as_bytes()[..s.start.min(text.len())].iter().filter(|&&b| b == b'\n').count());
-        let error = Error::new(ErrorKind::Config, format!("not TOML: {}", e.message()))
-            .advise("`bijective-sdf config` prints a file to start from");
+        let named = line.and_then(|line| unquoted(text.lines().nth(line - 1)?));
+        let advice =
+            named.map_or("`bijective-sdf config` prints a file to start from".into(), |(key, value)| {
+                match value {
+                    "yes" | "on" => format!("if it is meant as true or false: {key} = true"),
+                    "no" => format!("if it is meant as true or false: {key} = false"),
+                    _ => format!("a text needs quotes: {key} = \"{value}\""),
+                }
+            });
+        let error = Error::new(ErrorKind::Config, format!("not TOML: {}", e.message())).advise(advice);
         match line {
             Some(line) => error.at_line(line as u64),
             None => error,
         }
     })
+}
+
+/// Key and value of a line such as `stages = 32:60`, whose value is a text without its quotes.
+fn unquoted(line: &str) -> Option<(&str, &str)> {
+    let (key, value) = line.split_once('=')?;
+    let value = value.split('#').next()?.trim();
+    let plain = |c: char| c.is_ascii_alphanumeric() || ":,._-+".contains(c);
+    (!value.is_empty() && value.chars().all(plain)).then_some((key.trim(), value))
 }
 
 /// Tables and dotted keys become the dotted keys that `Config::set` knows.
@@ -75,6 +91,13 @@ mod tests {
     fn damage_is_placed() {
         let e = parse("a = 1\nb = = 2\n").unwrap_err();
         assert_eq!((e.kind(), e.line()), (ErrorKind::Config, Some(2)));
+        assert!(e.to_string().contains("config` prints a file"), "{e}");
+        for bare in ["stages = 32:60,48:60 # grids", "target = surface", "clip = off"] {
+            let e = parse(bare).unwrap_err().to_string();
+            let quoted = bare.split(" #").next().unwrap().replacen("= ", "= \"", 1) + "\"";
+            assert!(e.contains(&format!("a text needs quotes: {quoted}")), "{e}");
+        }
+        assert!(parse("denoise = yes").unwrap_err().to_string().contains("denoise = true"));
         let mut out = Vec::new();
         let e = flatten("", parse("a.when = 2020-01-01\n").unwrap(), &mut out).unwrap_err();
         assert!(e.to_string().contains("option a.when"), "{e}");

@@ -25,7 +25,10 @@ pub fn coverage_json(coverage: Option<&Coverage>) -> String {
         .finish()
 }
 
-/// A coverage in a line or two.
+/// Evenness of the codes below which they are in one spot.
+const CROWDED: f64 = 0.1;
+
+/// A coverage in some lines.
 pub fn coverage_text(c: &Coverage) -> Vec<String> {
     let mut lines = vec![format!(
         "S: {} of {} points distinct ({:.1} %), Q to S {:.5}, S to Q {:.5} of the longest side",
@@ -45,6 +48,9 @@ pub fn coverage_text(c: &Coverage) -> Vec<String> {
             codes.sphere,
             100.0 * codes.evenness()
         ));
+        if codes.evenness() < CROWDED {
+            lines.push("the codes crowd in one spot of the sphere; --preset paper spreads them".into());
+        }
     }
     lines
 }

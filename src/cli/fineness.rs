@@ -63,6 +63,14 @@ impl FinenessArgs {
         self.resolution.unwrap_or(usual)
     }
 
+    /// Says that the mesh of so many points is taken from cells of another size than that of smaller clouds, unless the
+    /// size was asked for.
+    pub fn tell(self, points: usize, common: Common) {
+        if self.resolution.is_none() && self.of(points) == Fineness::Points {
+            common.note("the mesh has cells as fine as the points, as with --resolution points");
+        }
+    }
+
     /// Refuses a run whose grids need more memory than there is, see [`check_memory`].
     pub fn check(self, config: &Config, common: Common) -> Result<(), Failure> {
         match self.resolution {

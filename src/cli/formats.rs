@@ -8,8 +8,14 @@ pub const MESH_FORMATS: [Format; 5] = [Format::Ply, Format::Obj, Format::Stl, Fo
 /// The formats that clouds are written in.
 pub const CLOUD_FORMATS: [Format; 3] = [Format::Ply, Format::Xyz, Format::Csv];
 
-/// Parses the name of a format and lists the names in the help.
+/// Parses the name of a format that is read, and lists the names in the help.
 pub fn format_parser() -> impl TypedValueParser<Value = Format> {
-    PossibleValuesParser::new(Format::ALL.map(Format::name))
-        .map(|name| Format::ALL.into_iter().find(|f| f.name() == name).expect("a listed name"))
+    parser_of(Format::ALL.into_iter().filter(|&format| format != Format::Glb).collect())
+}
+
+/// Parses the name of one of these formats, and lists the names in the help.
+pub fn parser_of(formats: Vec<Format>) -> impl TypedValueParser<Value = Format> {
+    let names: Vec<&str> = formats.iter().map(|format| format.name()).collect();
+    PossibleValuesParser::new(names)
+        .map(move |name| formats.iter().copied().find(|f| f.name() == name).expect("a listed name"))
 }

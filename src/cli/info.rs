@@ -65,8 +65,14 @@ fn describe_saved(saved: &Saved, args: &InfoArgs, common: Common) -> Result<(), 
         .count("points", saved.points)
         .raw("seed", config.seed);
     let mut text = format!(
-        "{kind}\nversion     {}\npoints      {}\nseed        {}\nfield       {} layers of {}\n",
-        saved.version, saved.points, config.seed, config.field.depth, config.field.width
+        "{kind}\nversion     {}\npoints      {}\nseed        {}\nfield       {}\n",
+        saved.version,
+        saved.points,
+        config.seed,
+        match saved.trained {
+            true => format!("{} layers of {}", config.field.depth, config.field.width),
+            false => "the first shape, without a network".into(),
+        }
     );
     let json = match saved.kind {
         SavedKind::Checkpoint { step, total_steps, recoveries } => {
@@ -113,7 +119,8 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
     let merged = points.len() - places.len();
     let distinct = cleaned.as_ref().map_or(&[][..], |c| &c.points);
     let (stray, told) = strays(distinct, Outliers::Keep);
-    let doubts: Vec<String> = told.into_iter().chain(cleaned.iter().flat_map(doubts)).collect();
+    let doubts: Vec<String> =
+        told.into_iter().chain(cleaned.iter().flat_map(|clean| doubts(clean, false))).collect();
     common.tell(&doubts, &[]);
     let nearest = nearest_distances(cleaned.as_ref().map_or(points.as_slice(), |c| &c.points));
     if args.json {

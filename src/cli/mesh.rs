@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use bijective_sdf::geometry::Bounds;
 use bijective_sdf::io::{Format, ReadOptions};
 use clap::Args;
 
@@ -9,7 +10,7 @@ use super::Common;
 use super::carry::{Carried, check_format, vertex_attributes};
 use super::failure::Failure;
 use super::fineness::FinenessArgs;
-use super::formats::{MESH_FORMATS, format_parser};
+use super::formats::{MESH_FORMATS, parser_of};
 use super::input::Input;
 use super::output::{Output, write_bytes};
 use super::paths::{check_apart, check_writable};
@@ -28,7 +29,7 @@ pub struct MeshArgs {
     #[command(flatten)]
     fineness: FinenessArgs,
     /// Format of the mesh [default: by extension; ply for `-`]
-    #[arg(long, value_parser = format_parser())]
+    #[arg(long, value_parser = parser_of(MESH_FORMATS.to_vec()))]
     output_format: Option<Format>,
     /// Write text where the format also has a binary form
     #[arg(long)]
@@ -65,6 +66,9 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
             options.attributes = true;
             let cloud = Input::read_with(path, options)?.cloud()?;
             common.tell(&cloud.warnings, &cloud.notices);
+            if !meets(&cloud.points, field.cloud()) {
+                common.warn("the points that are carried from lie elsewhere than those of the field: is it their file?");
+            }
             let every: Vec<u32> = (0..cloud.points.len() as u32).collect();
             Carried::new(cloud, &every, &output, common).0
         }
@@ -80,4 +84,12 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     }
     common.note(&topology.to_string());
     if cut.is_some() { gate_open(&topology) } else { gate(&topology) }
+}
+
+/// Whether the bounding boxes of two clouds meet.
+fn meets(a: &[[f64; 3]], b: &[[f64; 3]]) -> bool {
+    match (Bounds::of(a), Bounds::of(b)) {
+        (Ok(a), Ok(b)) => (0..3).all(|axis| a.min[axis] <= b.max[axis] && b.min[axis] <= a.max[axis]),
+        _ => true,
+    }
 }

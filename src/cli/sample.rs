@@ -13,7 +13,7 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::Common;
 use super::failure::Failure;
-use super::formats::{CLOUD_FORMATS, format_parser};
+use super::formats::{CLOUD_FORMATS, format_parser, parser_of};
 use super::input::Input;
 use super::output::Output;
 use super::paths::check_apart;
@@ -39,7 +39,7 @@ pub struct SampleArgs {
     #[arg(long, value_parser = format_parser())]
     format: Option<Format>,
     /// Format of the cloud [default: by extension; ply for `-`]
-    #[arg(long, value_parser = format_parser())]
+    #[arg(long, value_parser = parser_of(CLOUD_FORMATS.to_vec()))]
     output_format: Option<Format>,
     /// Write text where the format also has a binary form
     #[arg(long)]

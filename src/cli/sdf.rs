@@ -31,8 +31,9 @@ pub struct SdfArgs {
     /// Write the distances on a grid around the cloud instead, with so many cubes along its longest side
     #[arg(long, value_name = "N", requires = "output", conflicts_with = "points", value_parser = cubes())]
     grid: Option<usize>,
-    /// The file of the grid (npy, nrrd, vti)
-    #[arg(short, long, value_name = "FILE", requires = "grid")]
+    /// The file of the grid (npy, nrrd, vti), or of the values at points, a line each [default for points: standard
+    /// output]
+    #[arg(short, long, value_name = "FILE")]
     output: Option<PathBuf>,
     #[command(flatten)]
     reading: ReadArgs,
@@ -42,7 +43,7 @@ fn cubes() -> impl TypedValueParser<Value = usize> {
     clap::value_parser!(u16).range(2..=1024).map(usize::from)
 }
 
-/// Prints a line a point, or writes a grid.
+/// Writes a line a point, or a grid.
 pub fn run(args: &SdfArgs, common: Common) -> Result<(), Failure> {
     if let (Some(cubes), Some(output)) = (args.grid, &args.output) {
         return grid(args, cubes, output, common);
@@ -51,8 +52,13 @@ pub fn run(args: &SdfArgs, common: Common) -> Result<(), Failure> {
     if is_pipe(&args.field) && is_pipe(points) {
         return Err(Failure::Usage("field and points cannot both come from standard input".into()));
     }
+    if let Some(output) = &args.output {
+        check_writable(output)?;
+        check_apart("--output", output, &args.field)?;
+        check_apart("--output", output, points)?;
+    }
     let field = load(args, common)?;
-    // A line is printed for every row, so none may be left out.
+    // A line is written for every row, so none may be left out.
     let cloud = args.reading.rows(points)?.cloud()?;
     common.tell(&cloud.warnings, &cloud.notices);
     let values = field.sdf(&cloud.points);
@@ -64,7 +70,10 @@ pub fn run(args: &SdfArgs, common: Common) -> Result<(), Failure> {
             Some(g) => writeln!(text, "{value} {} {} {}", g[i][0], g[i][1], g[i][2]),
         };
     }
-    print(text)
+    match &args.output {
+        Some(output) => write_bytes(output, text.as_bytes()),
+        None => print(text),
+    }
 }
 
 fn load(args: &SdfArgs, common: Common) -> Result<Reconstruction, Failure> {

@@ -72,7 +72,12 @@ impl Settings {
                     "--set {pair}: `key=value` expected; `bijective-sdf config` lists the keys"
                 ))
             })?;
-            config.set(key.trim(), value.trim())?;
+            let key = key.trim();
+            if key == "preset" || key == "resolution" {
+                // Options of the program, of which no setting of the method has the name.
+                return Err(Failure::Usage(format!("--set {pair}: give it as --{key} {}", value.trim())));
+            }
+            config.set(key, value.trim())?;
         }
         if let Some(seed) = self.seed {
             config.seed = seed;

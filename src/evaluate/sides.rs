@@ -2,6 +2,7 @@
 
 use super::metrics::Samples;
 use crate::error::{Error, ErrorKind};
+use crate::geometry::vec3::{unit_vector, wide};
 use crate::geometry::{Bounds, Normalizer, TriangleMesh, sample_surface, usable};
 use rand::rngs::ChaCha8Rng;
 use rand::{RngExt, SeedableRng};
@@ -106,8 +107,7 @@ pub(super) fn moved(mesh: &TriangleMesh, frame: &Normalizer) -> TriangleMesh {
 
 /// The vector at length 1; 0 stays 0.
 fn unit(n: [f32; 3]) -> [f32; 3] {
-    let length = n.iter().map(|&x| f64::from(x).powi(2)).sum::<f64>().sqrt();
-    n.map(|x| if length > 0.0 { (f64::from(x) / length) as f32 } else { 0.0 })
+    unit_vector(wide(n)).map_or([0.0; 3], |unit| unit.map(|x| x as f32))
 }
 
 /// The corner positions of all faces, with repetition.

@@ -15,8 +15,9 @@ pub(crate) struct FaceSamples {
 impl FaceSamples {
     /// Chooses `count` points on the faces (f x 3) of a mesh with vertices v x 3.
     ///
-    /// The faces are chosen in proportion to their area, at places spread along the cumulative area, so that the samples
-    /// are more even than independent ones; the place in a face is uniform. Without area all lie on the first face.
+    /// The faces are chosen in proportion to their area, at places spread along the cumulative area, so that the
+    /// samples are more even than independent ones; the place in a face is uniform. Without area all lie on the first
+    /// face.
     ///
     /// # Panics
     /// If there is no face, or a face names a vertex that is not there.

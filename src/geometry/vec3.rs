@@ -29,6 +29,12 @@ pub(crate) fn length<T: Root + Add<Output = T> + Mul<Output = T>>(v: [T; 3]) -> 
     dot(v, v).root()
 }
 
+/// v / |v| in the precision of its arguments; `None` for a vector that is zero or not finite.
+pub(crate) fn unit_vector(v: [f64; 3]) -> Option<[f64; 3]> {
+    let length = length(v);
+    (length > 0.0 && length.is_finite()).then(|| v.map(|x| x / length))
+}
+
 /// Numbers that have square roots.
 pub(crate) trait Root: Copy {
     /// The square root.

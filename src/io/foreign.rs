@@ -36,7 +36,13 @@ const DRAWING: &str = "export the points as CSV or PLY, or the mesh as STL";
 const SHEET: &str = "save the sheet as CSV";
 const RASTER: &str = "export its cells as points, x, y and z, in a CSV file";
 
-const KNOWN: [Known; 29] = [
+const KNOWN: [Known; 30] = [
+    Known {
+        offset: 8,
+        signature: b"{\"__metadata__\":{\"bijective_sdf\"",
+        what: "a saved field or checkpoint",
+        advice: "give a field to `mesh` or `sdf`, a checkpoint to --resume, or either to `info`",
+    },
     Known { offset: 0, signature: b"glTF", what: "a GLB model", advice: MESH },
     Known { offset: 0, signature: b"Kaydara FBX", what: "an FBX model", advice: MESH },
     Known {

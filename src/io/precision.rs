@@ -70,7 +70,9 @@ pub(super) fn coarse_floats(points: &[[f64; 3]]) -> Option<String> {
     let bounds = Bounds::of(points).ok()?;
     let largest = bounds.min.iter().chain(&bounds.max).fold(0.0, |m: f64, x| m.max(x.abs()));
     let (widest, step) = (bounds.longest(), largest * f64::from(f32::EPSILON));
-    (widest > 0.0 && step > 1e-4 * widest && are_f32(points)).then(|| {
+    // Whole numbers are exact where steps are smaller than 1.
+    let whole = step < 1.0 && points.as_flattened().iter().all(|x| x.fract() == 0.0);
+    (widest > 0.0 && step > 1e-4 * widest && are_f32(points) && !whole).then(|| {
         format!(
             "coordinates near {largest:.3e} are stored in 32 bits, to steps of {step:.1e}, and the cloud measures \
              {widest:.3e}; export them in 64 bits, or less a common offset, to keep its detail"

@@ -8,6 +8,7 @@ use super::number::{ByteOrder, NumberType, unsigned};
 use super::precision::check_point;
 use super::text::{Lines, show, three_floats, words, write_floats};
 use super::{Loaded, Want};
+use crate::geometry::vec3::{cross, sub, unit_vector, wide};
 use crate::geometry::{Bounds, Position, TriangleMesh, are_f32};
 use crate::{Error, ErrorKind};
 
@@ -206,12 +207,10 @@ impl Corners {
     }
 }
 
-fn normal([a, b, c]: [[f32; 3]; 3]) -> [f32; 3] {
-    let minus = |p: [f32; 3], q: [f32; 3]| [0, 1, 2].map(|i| f64::from(p[i]) - f64::from(q[i]));
-    let (u, v) = (minus(b, a), minus(c, a));
-    let n = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-    let length = (n[0] * n[0] + n[1] * n[1] + n[2] * n[2]).sqrt();
-    if length > 0.0 { n.map(|x| (x / length) as f32) } else { [0.0; 3] }
+/// The unit normal of a triangle; 0 if it has no area.
+fn normal(corners: [[f32; 3]; 3]) -> [f32; 3] {
+    let [a, b, c] = corners.map(wide);
+    unit_vector(cross(sub(b, a), sub(c, a))).map_or([0.0; 3], |unit| unit.map(|x| x as f32))
 }
 
 #[cfg(test)]

@@ -56,11 +56,11 @@ kernel! {
 }
 
 /// softmax(q k^T / sqrt(c / heads)) of each head.
-struct Weights {
+struct AttentionWeights {
     heads: usize,
 }
 
-impl Op<2> for Weights {
+impl Op<2> for AttentionWeights {
     type Saved = ();
     fn forward(&self, [q, k]: [&Tensor; 2]) -> (Tensor, ()) {
         assert_heads("attention_weights", q, self.heads);
@@ -302,7 +302,7 @@ impl Tape {
     /// If the widths differ or are not a multiple of `heads`.
     #[track_caller]
     pub fn attention_weights(&mut self, q: Var, k: Var, heads: usize) -> Var {
-        self.apply(Weights { heads }, [q, k])
+        self.apply(AttentionWeights { heads }, [q, k])
     }
 
     /// The average of the values under the weights of each head: weights (heads n) x m and v m x d to n x d. Head h

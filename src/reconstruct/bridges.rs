@@ -9,7 +9,7 @@
 use super::final_shape::zero_level_set;
 use crate::error::{Error, ErrorKind};
 use crate::field::Field;
-use crate::geometry::{TriangleMesh, nearest_points, neighbour_spacing};
+use crate::geometry::{TriangleMesh, along, nearest_points, neighbour_spacing};
 
 /// The widest gap that is bridged, in neighbour spacings of the points at its ends.
 const REACH: f64 = 1.0;
@@ -25,7 +25,7 @@ const RESOLUTION: usize = 128;
 /// The most parts that are looked at, the largest first: all pairs of them are compared.
 const MAX_PARTS: usize = 32;
 
-/// Points at which the field must be below 0, so that near parts of the surface stay joined.
+/// Points at which the field must be below -depth, so that near parts of the surface stay joined.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub(super) struct Bridges {
     /// Points, m x 3, working frame.
@@ -108,7 +108,7 @@ impl Bridges {
         let [from, to] = gap.ends;
         for i in 0..POINTS {
             let t = i as f32 / (POINTS - 1) as f32;
-            self.points.push(std::array::from_fn(|k| from[k] + t * (to[k] - from[k])));
+            self.points.push(along(from, to, t));
             self.depths.push((DEPTH * gap.unit) as f32);
         }
     }

@@ -5,10 +5,7 @@ use crate::error::{Error, ErrorKind};
 use crate::field::Field;
 use crate::finish::{FINISHED_POINTS, Finish};
 use crate::geometry::{NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract};
-
-/// Cubes along each side of the lattice that the search for the surface starts from. A part that is smaller than these
-/// cubes may be missed if it is near no point and joined to no part that is; such parts are not wanted.
-const COARSE: usize = 16;
+use crate::start::COARSE;
 
 /// The signed distance that a run ends with, before the corrections of [`Finish`]; working frame.
 #[derive(Clone, Debug)]
@@ -57,14 +54,18 @@ impl FinalShape {
         }
     }
 
-    /// The corrections to the shape for `points` (n x 3), as far as `config` asks for it and they allow it.
-    pub fn finished_for(&self, points: &[[f32; 3]], config: &Config) -> Option<Finish> {
+    /// The corrections to the shape for `points` (n x 3), if `config` asks for them and there are neither too few
+    /// points nor too many.
+    ///
+    /// # Errors
+    /// As [`Finish::fit`].
+    pub fn finished_for(&self, points: &[[f32; 3]], config: &Config) -> Result<Option<Finish>, Error> {
         match config.finish {
             Finishing::Points if FINISHED_POINTS.contains(&points.len()) => {
                 let (sdf, gradient) = self.sdf_and_gradient(points);
-                Finish::fit(points, &sdf, &gradient).ok()
+                Finish::fit(points, &sdf, &gradient).map(Some)
             }
-            _ => None,
+            _ => Ok(None),
         }
     }
 

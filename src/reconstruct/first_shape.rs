@@ -14,8 +14,8 @@ const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 /// The most points for which all of them are tried.
 const MAX_RADII_POINTS: usize = 1024;
 
-/// The indicator at the points by given normals ([`GaussField::at_points`]) below which they are those of a body seen
-/// from within, such as a room: -1/2 if it is closed, -0.3 or so if half of it is missing, 0 for a sheet.
+/// If the median indicator at the points ([`GaussField::at_points`]) is below this, the given normals point into the
+/// shape, as in a room scanned from inside: -1/2 if it is closed, -0.3 or so if half of it is missing, 0 for a sheet.
 const WITHIN: f32 = -0.1;
 
 /// The shape that a run begins with.
@@ -30,13 +30,13 @@ pub(super) struct FirstShape {
     pub area: f64,
     /// Its outward unit normals at the working points, n x 3.
     pub normals: Vec<[f32; 3]>,
-    /// Whether given normals point into it: it is the free space around which the body lies.
+    /// Whether the given normals point inward; the mesh then bounds the free space, not the solid.
     pub turned: bool,
 }
 
 impl FirstShape {
-    /// The shape for a cloud (n x 3, working frame), on the sides that `normals` (n x 3, of unit length or zero) tell,
-    /// if they are given; `None` if the field starts as a sphere, which needs none.
+    /// The shape for the points `given` (n x 3, working frame), with `normals` (n x 3, of unit length or zero) pointing
+    /// outward if there are some; `None` if the field starts as a sphere, which needs none.
     ///
     /// # Errors
     /// As [`gauss_shapes`].

@@ -15,7 +15,7 @@ pub(super) struct WorkingFrame {
 /// The most that one axis is stretched more than another.
 const MAX_STRETCH: f64 = 1000.0;
 
-/// Lengths of a gradient, of a distance's 1, between which it begins to tell a way.
+/// Gradient lengths between which its direction goes from ignored to fully trusted; an exact distance has length 1.
 const SHORT: [f64; 2] = [0.25, 0.75];
 
 impl WorkingFrame {
@@ -88,15 +88,15 @@ impl WorkingFrame {
         [0, 1, 2].map(|a| n[a] / self.stretch[a])
     }
 
-    /// How fast what has this gradient in the working frame changes along the axes of the input, in working units a
-    /// stretched input's unit.
+    /// A gradient in the working frame as one over the coordinates of the input before they are stretched: its
+    /// components times the stretch.
     pub fn slope(&self, gradient: [f64; 3]) -> [f64; 3] {
         times(gradient, self.stretch)
     }
 
-    /// A distance of the working frame in the input's unit, at a place where it has this gradient: to first order, the
-    /// way along which it falls to 0. In the middle between several parts of the surface, where the gradient is short
-    /// and tells no way, it gives way to the least that the distance can be.
+    /// Converts a distance of the working frame to the input's unit, to first order along its gradient. Where the
+    /// gradient is too short to have a direction (midway between parts of the surface), uses the largest stretch, which
+    /// gives a lower bound.
     pub fn distance(&self, value: f64, gradient: [f64; 3]) -> f64 {
         let most = self.stretch.iter().fold(0.0, |most: f64, &x| most.max(x));
         let known = ((length(gradient) - SHORT[0]) / (SHORT[1] - SHORT[0])).clamp(0.0, 1.0);

@@ -2,7 +2,7 @@
 
 use super::frame::WorkingFrame;
 use crate::geometry::Position;
-use crate::geometry::vec3::length;
+use crate::geometry::vec3::unit_vector;
 
 /// What a run is told beside points and options.
 ///
@@ -14,7 +14,8 @@ use crate::geometry::vec3::length;
 /// // A ball seen from within, as a room is: its normals point to where the scanner stood.
 /// let (points, normals) = AnalyticShape::Sphere { radius: 2.0 }.sample(150, 1);
 /// let inward: Vec<[f32; 3]> = normals.iter().map(|n| n.map(|x| -x)).collect();
-/// let hints = Hints { normals: Some(&inward), ..Hints::default() };
+/// let mut hints = Hints::default();
+/// hints.normals = Some(&inward);
 /// let room = Trainer::with_hints(&points, &Config::preset(Preset::Start), &hints)?.finish();
 /// assert!(room.sdf(&[[0.0f32; 3]])[0] > 0.0 && room.is_turned());
 /// # Ok::<(), bijective_sdf::Error>(())
@@ -38,8 +39,7 @@ impl Hints<'_> {
         let normals = self.normals?;
         let unit = |i: &u32| {
             let wide = frame.normal(normals[*i as usize].wide());
-            let len = length(wide);
-            if len > 0.0 && len.is_finite() { wide.map(|x| (x / len) as f32) } else { [0.0; 3] }
+            unit_vector(wide).map_or([0.0; 3], |unit| unit.map(|x| x as f32))
         };
         Some(kept.iter().map(unit).collect())
     }

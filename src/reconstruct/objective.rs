@@ -13,13 +13,14 @@ use crate::loss::{Direction, eikonal, inside, mean_abs, pull, surface_distance};
 
 macro_rules! loss_terms {
     ($($(#[$doc:meta])* $name:ident, $default:literal: $term:expr;)*) => {
-        /// Weights of the loss terms; a term of weight 0 is not computed. Those after the third are not in the paper.
+        /// Weights of the loss terms; a term of weight 0 is not computed. The paper has the first three, and `pull` in
+        /// an ablation.
         #[derive(Clone, Copy, Debug, PartialEq)]
         #[non_exhaustive]
         pub struct Weights {
             $($(#[$doc])* #[doc = $default] pub $name: f32,)*
-            /// What the weight of L_deform has been multiplied by at the end, falling geometrically; below 1 leaves the
-            /// last word to the points. Default 1, a constant weight, as in the paper.
+            /// Factor that the weight of L_deform reaches at the last step, by geometric decay; below 1 the points
+            /// dominate late steps. Default 1, a constant weight, as in the paper.
             pub deform_decay: f32,
         }
 
@@ -133,8 +134,8 @@ pub(super) struct TermInputs<'a> {
     pub para: Option<Var>,
 }
 
-/// The points that the extracted surface is drawn to: S, S united with the seen points of Q, or those alone where there
-/// is no S; which of the first two, `target` says.
+/// The points that the extracted surface is drawn to: S, or S and the seen points of Q, as `target` chooses; the seen
+/// points alone if there is no S.
 pub(super) fn target(
     tape: &mut Tape,
     weights: &Weights,

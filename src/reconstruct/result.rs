@@ -16,9 +16,10 @@ use rayon::prelude::*;
 
 /// A signed distance field, the parameterized surface and the cloud that both come from.
 ///
-/// All coordinates and distances are in the frame and units of the input points. They are taken in 32 or 64 bits and
-/// given in 64, so that points far from the origin, such as those of maps, lose nothing: the work between is done about
-/// the middle of the cloud. [`offset`](Self::offset) says what to subtract where 32 bits have to do.
+/// All coordinates and distances are in the frame and units of the input points. Meshes, S and the cloud have 64 bits,
+/// distances and gradients the type of the points that they are asked for at; points far from the origin, such as those
+/// of maps, lose nothing, since the work is done about the middle of the cloud. [`offset`](Self::offset) says what to
+/// subtract where 32 bits have to do.
 #[derive(Clone, Debug)]
 pub struct Reconstruction {
     pub(super) config: Config,
@@ -31,7 +32,7 @@ pub struct Reconstruction {
     /// S, working frame.
     pub(super) surface: Vec<[f32; 3]>,
     pub(super) coverage: Option<Coverage>,
-    /// Whether shape and finish are negative where this is positive.
+    /// Whether the signs of `shape` and `finish` are flipped for the result, because the points were seen from inside.
     pub(super) turned: bool,
     pub(super) notices: Vec<String>,
 }

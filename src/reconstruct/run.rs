@@ -57,8 +57,9 @@ impl Outcome {
 /// done about the middle of the cloud.
 ///
 /// # Errors
-/// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::Diverged`] or
-/// [`ErrorKind::NoSurface`] if training failed four times.
+/// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::NoSurface`] if no
+/// first shape is found or the field has no surface when the training begins, [`ErrorKind::Diverged`] or
+/// [`ErrorKind::NoSurface`] if steps failed four times.
 pub fn reconstruct<P: Position>(points: &[P], config: &Config) -> Result<Reconstruction, Error> {
     reconstruct_with(points, config, &mut |_| ControlFlow::Continue(())).map(Outcome::finish)
 }

@@ -17,9 +17,9 @@ pub(super) struct ShapeSamples {
 /// The samples that a block's part of S is to cover; none by default.
 #[derive(Default)]
 pub(super) struct BlockSamples {
-    /// The samples to which a point of the block's context is nearest; first those to which a centre is.
+    /// The samples whose nearest working point belongs to the block's context; those nearest to a centre come first.
     pub points: Vec<[f32; 3]>,
-    /// The number of `points` to which a centre is nearest.
+    /// The number of `points` whose nearest working point is a centre.
     pub own: usize,
 }
 

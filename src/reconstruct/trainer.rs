@@ -66,7 +66,8 @@ impl Trainer {
     /// learning rates, up to three times in a run: the report's `step` is then lower than before.
     ///
     /// # Errors
-    /// [`ErrorKind::Diverged`] or [`ErrorKind::NoSurface`] if it goes wrong a fourth time.
+    /// [`ErrorKind::Diverged`] or [`ErrorKind::NoSurface`] if it goes wrong a fourth time; [`ErrorKind::NoSurface`] at
+    /// once if the field has no surface at the first step of the training.
     ///
     /// # Panics
     /// If all steps are done.
@@ -76,9 +77,9 @@ impl Trainer {
         Ok(done.expect("nobody stops it"))
     }
 
-    /// The same, unless `stop` says otherwise between two parts of the step, of which a large cloud or a fine grid has
-    /// long ones: the search for the surface, grid cube by grid cube, the field's values, the loss, its gradients. Then
-    /// there is no report, and nothing has changed: the run can go on or be saved as if the step had not begun.
+    /// Like [`step`](Self::step), but calls `stop` between the parts of the step, which take long for a large cloud or
+    /// a fine grid: the search for the surface (grid cube by grid cube), the field's values, the loss, its gradients.
+    /// If `stop` returns true, the step is abandoned, the state is unchanged and `None` is returned.
     ///
     /// # Errors
     /// As [`step`](Self::step).
@@ -244,7 +245,11 @@ impl Trainer {
             _ => None,
         };
         let shape = found.map_or(FinalShape::Learned(state.field), FinalShape::Found);
-        let finish = shape.finished_for(&setup.working, &setup.config);
+        let mut notices = Vec::new();
+        let finish = shape.finished_for(&setup.working, &setup.config).unwrap_or_else(|e| {
+            notices.push(format!("the field is left as it is at the points (finish=points): {e}"));
+            None
+        });
         Reconstruction {
             coverage: parameterized.as_ref().and_then(|p| p.coverage().ok()),
             surface: parameterized.map_or_else(Vec::new, |p| p.surface),
@@ -254,7 +259,7 @@ impl Trainer {
             shape,
             finish,
             turned,
-            notices: Vec::new(),
+            notices,
         }
     }
 }

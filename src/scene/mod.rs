@@ -1,5 +1,5 @@
-//! Surfaces of scenes, which a scan saw in part only: what of a closed surface the points speak for, and the rest cut
-//! away.
+//! Surfaces of scenes, which a scan saw in part only: how well the points support each part of a closed surface, and
+//! the unsupported parts cut away.
 
 mod support;
 mod trim;

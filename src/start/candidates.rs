@@ -19,8 +19,8 @@ const GAUSS_FINE_RESOLUTION: usize = 96;
 /// of the 64 cubes apart.
 const POINTS_SERVED: f64 = 1200.0;
 /// Cubes along each side of the lattice on which the search for a surface starts. Parts of the surface that are smaller
-/// than such a cube and near no point may be missed, and are not wanted.
-pub(super) const COARSE: usize = 16;
+/// than such a cube, near no point and joined to no part that is, may be missed, and are not wanted.
+pub(crate) const COARSE: usize = 16;
 /// Samples of a surface that say how far it is from the points.
 const MISFIT_SAMPLES: usize = 4096;
 /// Weight of the distance from the points to the surface beside that from the surface to the points; 2 to 8 choose

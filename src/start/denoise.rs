@@ -79,8 +79,8 @@ pub fn denoise(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<Denoised> {
     if DENOISED_POINTS.contains(&n) { smoothed(points, normals) } else { None }
 }
 
-/// The points on the surface that is chosen for them; `None` if that goes through them, is not worth it, or there is
-/// none.
+/// The points moved onto the chosen surface; `None` if no smoothing is chosen, the estimated noise is below
+/// [`MIN_NOISE`], or a system cannot be solved.
 fn smoothed(points: &[[f32; 3]], normals: &[[f32; 3]]) -> Option<Denoised> {
     let centres: Vec<[f64; 3]> = points.iter().map(|p| p.map(f64::from)).collect();
     let through = System::new(&centres)?;
@@ -113,8 +113,8 @@ struct Choice {
     gradients: Vec<f64>,
 }
 
-/// The choice that follows from the first by choosing again, until it is the same smoothing; at most [`MAX_ROUNDS`]
-/// times, and not beyond one after which no noise is found.
+/// Repeats the choice with the gradients of the last one until the smoothing stays the same, at most [`MAX_ROUNDS`]
+/// times; ends before a choice that finds no noise.
 fn settled(mut last: Choice, again: impl Fn(&Choice) -> Option<Choice>) -> Choice {
     for _ in 0..MAX_ROUNDS {
         let Some(next) = again(&last) else { break };

@@ -11,8 +11,8 @@ pub(crate) struct Forecast {
     pub error: f64,
     /// The variance of that for a plate of unit amplitude, the smoothing included.
     pub variance: f64,
-    /// |grad f| there. Where the gradients that the others have do not go together it is less than 1, and f is less
-    /// than the distance.
+    /// |grad f| there. Where the normals of the other points disagree it is less than 1, and |f| is less than the
+    /// distance.
     pub slope: f64,
 }
 

@@ -226,8 +226,8 @@ impl Near {
     fn of(balls: &[Ball], points: &[[f32; 3]]) -> Self {
         let reach: Vec<f64> = neighbour_spacing(points).into_iter().map(|s| REACH * s).collect();
         let tree = KdTree::new(points);
-        // A ball is near points whose reach leads into it. Spacings differ less across a ball than the ball is large;
-        // a point whose reach is larger than the ball is one that no place near belongs to.
+        // The points whose reach overlaps the ball. The search goes to twice the radius only: a point with a reach
+        // larger than the ball is an outlier among its neighbours.
         let around = |ball: &Ball| -> Vec<u32> {
             let apart = |i: u32| distance(points[i as usize], ball.centre);
             let found = tree.within(ball.centre, (2.0 * ball.radius) as f32).into_iter().map(|(i, _)| i);

@@ -19,7 +19,7 @@ mod uneven;
 
 #[cfg(test)]
 pub(crate) use candidates::gauss_shape;
-pub(crate) use candidates::{best_fitting, gauss_shapes};
+pub(crate) use candidates::{COARSE, best_fitting, gauss_shapes};
 pub(crate) use denoise::{DENOISED_POINTS, Denoised, denoise};
 pub(crate) use fit::ShapeFit;
 pub(crate) use gauss::GaussField;
@@ -29,5 +29,5 @@ pub(crate) use plate_shapes::plate_shapes;
 pub(crate) use ramp::Ramp;
 pub(crate) use resolution::{USUAL_AREA, resolution_for_area};
 pub use sampling::Sampling;
-pub use sides::{contradicting, facing};
+pub use sides::{behind_others, contradicting, facing};
 pub use uneven::Uneven;

@@ -27,10 +27,10 @@ const CELLS_BETWEEN: f64 = 2.4;
 /// The same for clouds of many points.
 const CELLS_BETWEEN_MANY: f64 = 1.5;
 
-/// Surfaces of least bending through `points` (n x 3, working frame), see [`LeastBending`], where points are near; one
-/// of the given closed `rough` surfaces elsewhere, so that what leaves the cloud does not go on for ever. The rough
-/// surface's normals at the points are the first guess of theirs, or `normals` (n x 3) where these are given, not zero
-/// and on the same side. One surface for each rough one, in their order, without those that cannot be extracted.
+/// For each closed surface of `rough`, in order, a surface of least bending through `points` (n x 3, working frame),
+/// see [`LeastBending`]; those that cannot be extracted are left out. Far from the points the rough surface is kept, so
+/// that sheets which leave the cloud end. The first guess of the normals is the rough surface's, or `normals` (n x 3)
+/// where these are given, not zero and on the same side.
 ///
 /// The surface of one plate is taken from a grid of 64 cubes a side, or a finer one where the rough one has little area
 /// for so many points ([`resolution_for_area`](super::resolution_for_area)); that of several from cells as fine as the

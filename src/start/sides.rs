@@ -1,8 +1,8 @@
 //! Which side of the surface is outside, where somebody knows: normals that contradict each other, and normals that
 //! face the place from which the points were seen.
 
-use crate::geometry::vec3::{dot, length, sub};
-use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes};
+use crate::geometry::vec3::{distance, dot, sub, unit_vector, wide};
+use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, neighbour_spacing};
 use nalgebra::Vector3;
 use rayon::prelude::*;
 
@@ -19,6 +19,9 @@ const PLANE: usize = 10;
 /// for the plane, which is not exact, to tell the side.
 const GRAZING: f64 = 0.1;
 
+/// Neighbour spacings beyond which two points that lie in one direction are not of one piece of the surface.
+const APART: f64 = 4.0;
+
 /// The share of n points (n x 3, any frame) whose normal (n x 3, any length) points against those of most of their
 /// neighbours beside them. Points without a normal, or without a neighbour beside them, do not count.
 ///
@@ -34,13 +37,13 @@ pub fn contradicting<P: Position>(points: &[P], normals: &[[f32; 3]]) -> f64 {
     );
     let Ok(frame) = Normalizer::of(points) else { return 0.0 };
     let unit = frame.forward(points);
-    let directions: Vec<Option<[f64; 3]>> = normals.iter().map(|n| direction(n.map(f64::from))).collect();
+    let directions: Vec<Option<[f64; 3]>> = normals.iter().map(|n| unit_vector(n.map(f64::from))).collect();
     let k = (COMPARED + 1).min(unit.len());
     let near = KdTree::new(&unit).k_nearest(&unit, k);
     let judged = |(i, row): (usize, &[u32])| {
         let own = directions[i]?;
         let others = row.iter().filter_map(|&j| {
-            let way = direction(sub(unit[j as usize], unit[i]).map(f64::from))?;
+            let way = unit_vector(sub(unit[j as usize], unit[i]).map(f64::from))?;
             let other = directions[j as usize]?;
             (dot(own, way).abs() < BESIDE && dot(other, way).abs() < BESIDE).then(|| dot(own, other))
         });
@@ -70,9 +73,9 @@ pub fn facing<P: Position>(points: &[P], normals: Option<&[[f32; 3]]>, origin: [
     let near = KdTree::new(&unit).k_nearest(&unit, k);
     let around = |i: usize| &near[k * i..k * (i + 1)];
     let faced = |i: usize| {
-        let own = normals.and_then(|normals| direction(normals[i].map(f64::from)));
+        let own = normals.and_then(|normals| unit_vector(normals[i].map(f64::from)));
         let normal = own.unwrap_or_else(|| plane_normal(&unit, around(i)));
-        let cos = direction(sub(eye, unit[i].map(f64::from))).map_or(0.0, |way| dot(normal, way));
+        let cos = unit_vector(sub(eye, unit[i].map(f64::from))).map_or(0.0, |way| dot(normal, way));
         (normal.map(|x| if cos < 0.0 { -x } else { x }), cos.abs() >= GRAZING)
     };
     let faced: Vec<([f64; 3], bool)> = (0..unit.len()).into_par_iter().map(faced).collect();
@@ -92,10 +95,24 @@ pub fn facing<P: Position>(points: &[P], normals: Option<&[[f32; 3]]>, origin: [
     (0..unit.len()).into_par_iter().map(settled).collect()
 }
 
-/// A vector of unit length, unless it is zero or not finite.
-fn direction(v: [f64; 3]) -> Option<[f64; 3]> {
-    let len = length(v);
-    (len > 0.0 && len.is_finite()).then(|| v.map(|x| x / len))
+/// The share of n points (n x 3, any frame) that lie behind or before others as seen from `origin`: whose nearest other
+/// point by direction is farther from them than the surface around explains, more than four neighbour spacings. Of what
+/// was seen from there only points at edges are; of the points of a closed surface many.
+pub fn behind_others<P: Position>(points: &[P], origin: [f64; 3]) -> f64 {
+    let Ok(frame) = Normalizer::of(points) else { return 0.0 };
+    let unit = frame.forward(points);
+    let eye = frame.forward_wide(origin);
+    let way = |p: &[f32; 3]| unit_vector(sub(wide(*p), eye)).map_or([0.0; 3], |way| way.map(|x| x as f32));
+    let ways: Vec<[f32; 3]> = unit.iter().map(way).collect();
+    let k = 2.min(unit.len());
+    let near = KdTree::new(&ways).k_nearest(&ways, k);
+    let spacings = neighbour_spacing(&unit);
+    let apart = |(i, row): (usize, &[u32])| {
+        let other = row.iter().find(|&&j| j as usize != i).map_or(i, |&j| j as usize);
+        distance(unit[i], unit[other]) > APART * spacings[i].max(spacings[other])
+    };
+    let behind = near.chunks_exact(k.max(1)).enumerate().filter(|&row| apart(row)).count();
+    behind as f64 / unit.len().max(1) as f64
 }
 
 /// The unit normal of the plane through some points, of either sign.

@@ -6,7 +6,7 @@
 
 use super::{Tensor, dot};
 use crate::simd::kernel;
-use crate::simd::product::{Base, DEPTH, MatRef, Panels, Target, multiply};
+use crate::simd::product::{Base, DEPTH, Destination, MatRef, Panels, multiply};
 use rayon::prelude::*;
 use std::cell::Cell;
 
@@ -108,14 +108,14 @@ pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, base: Base<'_>, a: Mat
     }
     assert!(k > 0, "matmul: panels of no rows");
     if m * n * k < MIN_PARALLEL || m <= SMALL_BLOCK {
-        multiply(Target { data: out, stride, base }, a, b);
+        multiply(Destination { data: out, stride, base }, a, b);
     } else {
         let block = if m < 8 * BLOCK { SMALL_BLOCK } else { BLOCK };
         out.par_chunks_mut(block * stride).enumerate().for_each(|(i, piece)| {
             let first = i * block;
             if first < m {
                 let a = a.part(first, block.min(m - first), 0, k);
-                multiply(Target { data: piece, stride, base }, a, b);
+                multiply(Destination { data: piece, stride, base }, a, b);
             }
         });
     }
@@ -128,7 +128,7 @@ pub(crate) fn gemm_panels(out: &mut [f32], stride: usize, base: Base<'_>, a: Mat
 #[track_caller]
 pub(crate) fn gemm_panels_serial(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: &Panels) {
     assert!(a.cols() > 0, "matmul: panels of no rows");
-    multiply(Target { data: out, stride, base }, a, b);
+    multiply(Destination { data: out, stride, base }, a, b);
 }
 
 /// Products with a thin side, as sums of scaled rows or as dot products.
@@ -368,7 +368,7 @@ mod tests {
                     product(out.data_mut());
                     out
                 };
-                let whole = run(&|data| multiply(Target { data, stride: n, base }, a.as_mat(), &panels));
+                let whole = run(&|data| multiply(Destination { data, stride: n, base }, a.as_mat(), &panels));
                 assert_eq!(run(&|out| gemm(out, n, base, a.as_mat(), b.as_mat())), whole);
                 assert_eq!(run(&|out| gemm_serial(out, n, base, a.as_mat(), b.as_mat())), whole);
                 assert_eq!(run(&|out| gemm_panels(out, n, base, a.as_mat(), &panels)), whole);

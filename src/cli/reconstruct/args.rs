@@ -8,7 +8,7 @@ use clap::Args;
 
 use super::super::cleaning::Outliers;
 use super::super::fineness::FinenessArgs;
-use super::super::formats::format_parser;
+use super::super::formats::{MESH_FORMATS, parser_of};
 use super::super::preview::ViewArgs;
 use super::super::reading::ReadArgs;
 use super::super::settings::Settings;
@@ -42,7 +42,7 @@ pub struct ReconstructArgs {
     #[arg(long, value_name = "X,Y,Z", value_parser = three_numbers, allow_hyphen_values = true)]
     pub anisotropy: Option<[f64; 3]>,
     /// Format of the mesh [default: by extension; ply for `-`]
-    #[arg(long, value_parser = format_parser())]
+    #[arg(long, value_parser = parser_of(MESH_FORMATS.to_vec()))]
     pub output_format: Option<Format>,
     /// Write text where the format also has a binary form
     #[arg(long)]

@@ -11,7 +11,7 @@ use super::super::report::offset_text;
 use super::ReconstructArgs;
 
 /// Points that are ready for the work, and what there is to say about them.
-pub struct Prepared {
+pub struct PreparedCloud {
     pub points: Vec<[f64; 3]>,
     /// A normal for each point, if the user says that the file has them or where the points were seen from.
     pub normals: Option<Vec<[f32; 3]>>,
@@ -33,7 +33,7 @@ pub struct Prepared {
     pub notices: Vec<String>,
 }
 
-impl Prepared {
+impl PreparedCloud {
     /// Reads the input and makes it ready, and tells what there is to say. `mesh` is where the result goes.
     pub fn read(args: &ReconstructArgs, mesh: &Output, common: Common) -> Result<Self, Failure> {
         let input = if args.carry {
@@ -55,7 +55,7 @@ impl Prepared {
         let points = without(&clean.points, left_out);
         let mut warnings = cloud.warnings.clone();
         let rest = clean_cloud(&points).map_err(|e| Failure::Input(e.in_file(input.path())))?;
-        let doubts: Vec<String> = told.into_iter().chain(doubts(&rest)).collect();
+        let doubts: Vec<String> = told.into_iter().chain(doubts(&rest, args.anisotropy.is_some())).collect();
         common.tell(&doubts, &[]);
         warnings.extend(doubts);
         let kept_points = without(&clean.given, left_out);
@@ -73,7 +73,7 @@ impl Prepared {
                 offset_text(offset)
             ));
         }
-        Ok(Prepared {
+        Ok(PreparedCloud {
             points,
             normals: sides.normals,
             sides: sides.source,

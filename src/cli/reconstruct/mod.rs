@@ -30,7 +30,7 @@ mod summary;
 pub use args::ReconstructArgs;
 pub use summary::describe;
 
-use cloud::Prepared;
+use cloud::PreparedCloud;
 use outputs::{Outputs, Written, behind};
 use summary::Run;
 
@@ -73,20 +73,23 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     let outputs = Outputs::of(args)?;
     if args.surface_points.is_some() && config.parameterization == Parameterization::None {
         return Err(Failure::Usage(
-            "--surface-points needs an S, which neither the preset start nor parameterization=none has"
-                .into(),
+            "--surface-points needs an S; the preset start and parameterization=none have none".into(),
         ));
     }
     if args.codes.is_some() && config.parameterization != Parameterization::Bsp {
         return Err(Failure::Usage(
-            "--codes needs codes, which only presets and options with parameterization=bsp have, not start"
+            "--codes needs parameterization=bsp; the preset start and other parameterizations have no codes"
                 .into(),
         ));
+    }
+    let asked = [(args.surface_points.is_some(), "--surface-points"), (args.codes.is_some(), "--codes")];
+    if let Some((_, option)) = asked.iter().find(|(given, _)| *given && config.stages.is_empty()) {
+        return Err(Failure::Usage(format!("{option} needs a training, which stages=none leaves out")));
     }
     // Held to the end.
     let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
     let interrupt = Interrupt::install("giving up the step and writing a checkpoint")?;
-    let mut cloud = Prepared::read(args, &outputs.mesh, common)?;
+    let mut cloud = PreparedCloud::read(args, &outputs.mesh, common)?;
     let count = cloud.points.len();
     args.fineness.check(&config.clone().for_points(count), common)?;
     common.note(&format!("{count} points, preset {preset}, seed {}", config.seed));
@@ -118,6 +121,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     report.failures.extend(std::mem::replace(&mut trained.checkpoint, Ok(())).err());
     let meshing = Instant::now();
     let fineness = args.fineness.of(trained.field.cloud().len());
+    args.fineness.tell(trained.field.cloud().len(), common);
     let meshed = fineness.mesh(&trained.field).map_err(Failure::from);
     let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.cloud(), common));
     let mesh_seconds = meshing.elapsed().as_secs_f64();
@@ -153,6 +157,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         report.files.retain(|file| file != path);
     }
 
+    trained.field.notices().iter().for_each(|notice| common.note(notice));
     common.note(&topology.to_string());
     if trained.field.is_turned() {
         common.note(
@@ -183,8 +188,8 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if part.cut.is_some() { gate_open(&topology) } else { gate(&topology) }
 }
 
-/// The options to go on from a checkpoint with, and where they come from: those of the command, if they are those that
-/// the run was started with, else those of the run, with what is given over them. What does not agree is refused later.
+/// Options for resuming, and the name of their preset: those of the command if they equal the saved ones; otherwise the
+/// saved ones with the command's changes applied. Changes that a run cannot take are refused later.
 fn resumed(path: &Path, args: &ReconstructArgs) -> Result<(Config, &'static str), Failure> {
     let input = Input::read(path, None)?;
     let saved = Saved::from_bytes(input.bytes()).map_err(|e| Failure::Input(e.in_file(input.path())))?;
@@ -200,7 +205,7 @@ fn resumed(path: &Path, args: &ReconstructArgs) -> Result<(Config, &'static str)
         return Ok((config, preset.name()));
     }
     let (config, preset) = args.settings.build_on(Some(&saved.config))?;
-    // Who gives no preset goes on with that of the run, which has no name any more.
+    // Without `--preset` the saved options are the base; the preset's name is not saved.
     Ok((config, preset.map_or("of the checkpoint", Preset::name)))
 }
 

@@ -9,14 +9,14 @@ use super::super::report::{passes_gate, topology_json};
 use super::super::train::Trained;
 use super::super::trim::Part;
 use super::ReconstructArgs;
-use super::cloud::Prepared;
+use super::cloud::PreparedCloud;
 use super::outputs::Outputs;
 
 /// A run that is done, with the seconds that it and its meshing took.
 pub struct Run<'a> {
     pub args: &'a ReconstructArgs,
     pub outputs: &'a Outputs,
-    pub cloud: &'a Prepared,
+    pub cloud: &'a PreparedCloud,
     pub preset: &'static str,
     pub seed: u64,
     pub trained: &'a Trained,

@@ -175,7 +175,8 @@ mod tests {
                 let config = applied(name, preset);
                 config.validate().unwrap_or_else(|e| panic!("{name} of {preset}: {e}"));
                 // The presets have these values already.
-                let same = matches!(name, "patch_10" | "k_8");
+                let trains_all = base.train_up_to.is_none() && name.starts_with("points_");
+                let same = matches!(name, "patch_10" | "k_8") || trains_all;
                 let surf = if base.weights.surf > 0.0 { "with_surf" } else { "without_surf" };
                 assert_eq!(config == base, same || name == surf, "{name} of {preset}");
             }

@@ -339,10 +339,14 @@ impl Finished {
                 topology.as_ref().map_or(String::new(), |t| format!("{} components", t.components))
             }
         };
+        let wanted = job.config();
+        let untrained =
+            !wanted.stages.is_empty() && !wanted.trains(outcome.points) && outcome.failure.is_none();
+        let kept = if untrained { " (first shape, train_up_to)" } else { "" };
         let left = self.began.elapsed().as_secs_f64() / done.max(1) as f64 * all.saturating_sub(done) as f64;
         let left = if done < all { format!("; {} left", duration(left)) } else { String::new() };
         format!(
-            "{done}/{all}  {}  {}  seed {}  {result}  {:.1} s{left}",
+            "{done}/{all}  {}  {}  seed {}  {result}{kept}  {:.1} s{left}",
             job.setting.name, job.shape.name, job.seed, outcome.seconds
         )
     }

@@ -1,6 +1,5 @@
 //! The options of a run. Lengths are in the working frame: the cloud centred, its longest side 1.
 
-#[cfg(test)]
 mod documented;
 mod options;
 mod preset;
@@ -58,9 +57,9 @@ pub struct Start {
 pub enum Finishing {
     /// Nothing.
     None,
-    /// The field's values at the points, which should be 0, are taken out of it, and the surface of least bending is
-    /// blended in where the points foretell each other. For clouds of 20 to a million points; others are left as they
-    /// are.
+    /// Subtracts the interpolated values of the field at the points, which should be 0, and blends in the surface of
+    /// least bending where leave-one-out prediction of the points is accurate. For clouds of 20 to a million points;
+    /// others are left as they are.
     Points,
 }
 
@@ -111,10 +110,10 @@ pub struct Config {
     /// Whether a run first adapts these options to the number of points, by [`for_points`](Self::for_points).
     /// Default true.
     pub scale_with_points: bool,
-    /// The size of the largest cloud (without duplicates) that anything is trained for. Of a larger one the result is
-    /// the first shape, finished, as of the preset `start`: it grows with the points, which the network does not
-    /// (`benches/method.md`). It holds where `scale_with_points` is set and the field does not start as a sphere.
-    /// `None` (`all`) trains whatever the size. Default 1,000.
+    /// Size of the largest cloud (without duplicates) that is trained. Larger clouds keep the finished first shape, as
+    /// with the preset `start`: its detail grows with the points, that of the network does not (`benches/method.md`).
+    /// Applies only if `scale_with_points` is set and the field does not start as a sphere. `None` (`all`) trains
+    /// clouds of any size. Default 1,000, paper all.
     pub train_up_to: Option<usize>,
     /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
     /// they do; for clouds of 50 to 500 points whose field does not start as a sphere. Default true, paper false.
@@ -143,10 +142,10 @@ pub struct Config {
     /// Resolutions and steps of the training, in order. With none (`none`), nothing is trained, and the result is the
     /// first shape itself. Default `32:60,48:60`, which is 60 steps on 32 cubes a side and then 60 on 48.
     pub stages: Vec<Stage>,
-    /// The area, in the working frame, of a first shape for which `stages` give the resolutions. For another area they
-    /// change by the root of the ratio, to half to 4 times as many cubes and up to 192: as fine against the distances
-    /// between points, and about as many cubes that the surface crosses. The first shape itself is taken from grids by
-    /// its own rule. `None` (`off`) trains on the grids of `stages` whatever the area, as the paper does. Default 2.2.
+    /// Reference area (working frame). Resolutions in `stages` are multiplied by the square root of this over the area
+    /// of the first shape, by 0.5 to 4 and up to 192 cubes, so that the surface crosses about as many cubes whatever
+    /// the shape. The first shape itself is taken from grids by a rule of its own. `None` (`off`) trains on the grids
+    /// of `stages`, as the paper does. Default 2.2.
     pub reference_area: Option<f64>,
     /// The active part of the grid.
     pub band: Band,

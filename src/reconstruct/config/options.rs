@@ -22,8 +22,8 @@ struct Entry {
     set: fn(&mut Config, &str) -> Result<(), String>,
 }
 
-/// Fields of the configuration under their paths, such as `field.width`. `or` gives the word for `None`, for which 0
-/// was written in earlier versions; `either` that of an option that is younger, of which 0 is no value.
+/// Fields of the configuration under their paths, such as `field.width`. `or WORD`: `None` is written as WORD, and 0 is
+/// read as `None`, too, for files of earlier versions. `either WORD`: only WORD means `None`.
 macro_rules! entries {
     ($($first:ident $(.$rest:ident)* $(or $word:literal)? $(either $strict:literal)?;)*) => {
         &[$(Entry {
@@ -195,7 +195,7 @@ fn unknown(key: &str) -> Error {
     }
     match nearest_key(key) {
         Some(near) => error.advise(format!("did you mean {near}?")),
-        None => error.advise("list all options with their values by printing the configuration"),
+        None => error.advise("`bijective-sdf config` prints all options with what they mean"),
     }
 }
 

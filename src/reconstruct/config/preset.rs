@@ -24,7 +24,7 @@ pub enum Preset {
     Fast,
     /// For a few hundred points; departs from the paper where that measured better (`benches/paper.md`).
     Default,
-    /// A wider field, finer grids and more steps.
+    /// A wider field, more steps and more samples.
     Fine,
 }
 
@@ -85,6 +85,7 @@ impl Default for Config {
 /// steps and the grid open; these keep a run short.
 fn paper() -> Config {
     Config {
+        train_up_to: None,
         denoise: false,
         field: FieldConfig {
             width: 256,

@@ -21,7 +21,7 @@ use crate::tensor::Tensor;
 /// Gradients of a network, parameter by parameter.
 pub(super) type ParamGradients = Vec<Option<Tensor>>;
 
-/// How a step changes the state that it was found at: along gradients that are known to be finite.
+/// What a step does to the state: gradients, known to be finite, for the optimisers, and a new part of S.
 pub(super) struct Update {
     /// The report of the step, with its learning rates. Step, phase and recoveries are filled in by the trainer.
     pub report: StepReport,
@@ -57,6 +57,9 @@ impl Workspace {
         self.tape.clear();
     }
 }
+
+/// Steps of the first two phases between two states that are kept to come back to.
+pub(super) const KEEP_EVERY: usize = 20;
 
 /// The largest coordinate, working frame; beyond it the training has diverged.
 pub(super) const MAX_COORDINATE: f32 = 1e6;

@@ -1,6 +1,6 @@
 //! The second phase: the parameterization is trained alone, on L_para.
 
-use super::{StepReport, Update, check_gradients, check_near, diverged};
+use super::{KEEP_EVERY, StepReport, Update, check_gradients, check_near, diverged};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::Error;
@@ -13,9 +13,6 @@ use crate::reconstruct::setup::Setup;
 use crate::reconstruct::shape_samples::BlockSamples;
 use crate::tensor::Tensor;
 use std::sync::Arc;
-
-/// Steps between two states that are kept to come back to.
-const KEEP_EVERY: usize = 20;
 
 /// Step `step` of the pretraining of `map`, which is that of the state: on the next block of the cloud, in turn. With
 /// the first shape beside the points (`bsp_pretrain_on_shape`), S is drawn to cover it.
@@ -72,9 +69,10 @@ pub(super) fn forward_map(
     Ok((surface, context))
 }
 
-/// L_para of a block: from its part of S to all points around, beyond a slack if there is one, and from its centres to
-/// its part of S. `context` (c x 3) are the points around, the centres first; to both belong the samples of the first
-/// shape that are nearest to them.
+/// L_para of a block, a mean of squared distances both ways: from the block's part of S to the nearest of `context`
+/// (c x 3, the points around the block, its centres first), less the slack if there is one; and from the centres to the
+/// nearest point of that part of S. Samples of the first shape count as further points: those nearest to a centre as
+/// centres, the others as context.
 pub(super) fn para_term(
     tape: &mut Tape,
     surface: Var,

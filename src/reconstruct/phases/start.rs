@@ -1,15 +1,12 @@
 //! The first phase: the field learns the first shape by regression.
 
-use super::{ParamGradients, StepReport, Update, check_gradients, diverged};
+use super::{KEEP_EVERY, ParamGradients, StepReport, Update, check_gradients, diverged};
 use crate::error::Error;
 use crate::field::FieldMemory;
 use crate::optim::{Schedule, gradient_norm};
 use crate::reconstruct::first_shape::FirstShape;
 use crate::reconstruct::state::State;
 use crate::reconstruct::{Config, Phase};
-
-/// Steps between two states that are kept to come back to.
-const KEEP_EVERY: usize = 20;
 
 /// One step of the regression of the field to `shape`.
 ///
@@ -31,8 +28,8 @@ pub(in crate::reconstruct) fn step(
     check_gradients("the field", &gradients)?;
 
     let steps = config.steps_in(Phase::Start);
-    // A constant rate: one that falls fits the shape better and ends worse, with the webs between fingers and the like,
-    // which are not so sharp otherwise, and which the training does not take back.
+    // Constant rate: a decaying one also fits the first shape's faults, such as webs between fingers, which the
+    // training does not remove.
     let schedule = Schedule { warmup: steps / 20, ..Schedule::constant(config.start.rate) };
     let field_rate = rate_factor * schedule.rate_at(state.step, steps);
     Ok(Update {

@@ -108,7 +108,7 @@ pub(in crate::reconstruct) fn step(
     })
 }
 
-/// A step of the training before anything is computed.
+/// What a step of the training starts from.
 #[derive(Clone, Copy)]
 pub(in crate::reconstruct) struct TrainStep<'a> {
     pub setup: &'a Setup,
@@ -334,8 +334,8 @@ impl<'a> TrainStep<'a> {
     }
 }
 
-/// The part of S that stands for it in a step: all of it, live if it is being trained; for a cloud in several blocks
-/// the live part with the remembered patches of the points that the step sees.
+/// The points of S used in a step. One block: all of S, with gradients if it is being trained. Several blocks: the
+/// trained block with gradients, and the stored patches of the seen points.
 fn seen_surface(
     tape: &mut Tape,
     map: &SurfaceMap,

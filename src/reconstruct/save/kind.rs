@@ -35,10 +35,22 @@ impl Kind {
                 "a later version of this program wrote it: read it with that"
             }
             Some((true, _)) => "an early version of this program wrote it: start anew",
-            _ => "resume from checkpoints, load reconstructions",
+            _ => "a checkpoint is for --resume, a field for `mesh` and `sdf`",
         };
-        let message = format!("it is a {found}, not a {name} {version}");
+        let message =
+            format!("it is a {}, not a {}", in_words(found), in_words(&format!("{name} {version}")));
         Err(Error::new(ErrorKind::Checkpoint, message).advise(advice))
+    }
+}
+
+/// A kind and its version, such as `reconstruction 5`, as messages name it.
+fn in_words(kind: &str) -> String {
+    match kind.split_once(' ') {
+        Some((name, version)) => {
+            let name = if name == RECONSTRUCTION.name { "field" } else { name };
+            format!("{name} of version {version}")
+        }
+        None => format!("file of the kind {kind:?}"),
     }
 }
 
@@ -57,7 +69,7 @@ mod tests {
         assert!(advice("reconstruction 6").unwrap_err().contains("later version"));
         assert!(advice("reconstruction 1").unwrap_err().contains("early version"));
         for other in ["checkpoint 2", "reconstruction", ""] {
-            assert!(advice(other).unwrap_err().contains("resume from checkpoints"), "{other}");
+            assert!(advice(other).unwrap_err().contains("a checkpoint is for --resume"), "{other}");
         }
     }
 }

@@ -141,7 +141,7 @@ impl Reconstruction {
             }
         };
         let finish = match finished.map(points) {
-            Some(points) if near(&points) => shape.finished_for(&points, &config),
+            Some(points) if near(&points) => shape.finished_for(&points, &config)?,
             Some(_) => return Err(damaged("the points that it is finished for are not finite")),
             None => None,
         };

@@ -4,6 +4,7 @@ use super::kind::{CHECKPOINT, RECONSTRUCTION};
 use super::options;
 use super::store::{Store, damaged, looks_like_store};
 use crate::error::Error;
+use crate::reconstruct::final_shape::FinalShape;
 use crate::reconstruct::{Config, Reconstruction};
 
 /// What a file of this program holds, without the cloud that a checkpoint would need.
@@ -20,6 +21,8 @@ pub struct Saved {
     pub notices: Vec<String>,
     /// Distinct points of the cloud.
     pub points: usize,
+    /// Whether a network was trained; without, a result is the first shape, and the field of the options is not there.
+    pub trained: bool,
 }
 
 /// The kinds of saved files.
@@ -55,8 +58,16 @@ impl Saved {
         if store.get("kind")?.starts_with(RECONSTRUCTION.name) {
             let version = RECONSTRUCTION.check(&store)?;
             let result = Reconstruction::of_store(&store)?;
-            let Reconstruction { config, notices, cloud, .. } = result;
-            return Ok(Saved { kind: SavedKind::Result, version, config, notices, points: cloud.len() });
+            let Reconstruction { config, notices, cloud, shape, .. } = result;
+            let trained = matches!(shape, FinalShape::Learned(_));
+            return Ok(Saved {
+                kind: SavedKind::Result,
+                version,
+                config,
+                notices,
+                points: cloud.len(),
+                trained,
+            });
         }
         let version = CHECKPOINT.check(&store)?;
         let (config, notices) = options::of_run(&store, version)?;
@@ -67,7 +78,7 @@ impl Saved {
             recoveries: store.parse("recoveries")?,
         };
         let points = points.ok_or_else(|| damaged("it does not say how many points the cloud has"))?;
-        Ok(Saved { kind, version, config, notices, points })
+        Ok(Saved { kind, version, config, notices, points, trained: true })
     }
 }
 

@@ -125,6 +125,10 @@ impl Store {
 
     /// Reads the bytes of a file and checks them whole.
     pub fn decode(bytes: &[u8]) -> Result<Store, Error> {
+        if !bytes.is_empty() && !looks_like_store(bytes) && !bytes.starts_with(&[0; 8]) {
+            return Err(Error::new(ErrorKind::Checkpoint, "it is neither a field nor a checkpoint of this program")
+                .advise("give the file of --save-field or --checkpoint; of a point cloud a field has to be made first"));
+        }
         let header = bytes.first_chunk::<8>().map_or(0, |b| u64::from_le_bytes(*b));
         if header == 0 || header > MAX_HEADER || header > bytes.len() as u64 {
             return Err(damaged(format!("{} bytes with a header of {header}", bytes.len())));

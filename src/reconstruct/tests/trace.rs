@@ -4,7 +4,7 @@
 //! Each of these faults, planted one at a time, was seen to fail a test here:
 //!
 //! - `weights.deform_decay` ignored, its factor left at 1 in `add_terms`: both of `default`;
-//! - the target S united with Q replaced by S in `add_terms`: both of `default`;
+//! - the target S united with Q replaced by S in `objective::target`: both of `default`;
 //! - `clip` ignored, the gradient only measured in `phases::train::step`: that with a clipped gradient;
 //! - the same samples on the faces in every step, stream 1 for all in `record`: both of `default`;
 //! - the cloud in its own order, the shuffle in `Setup::new` left out: all three.

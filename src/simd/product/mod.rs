@@ -30,7 +30,7 @@ use super::InstructionSet;
 use tile::{MAX_TILE, MicroKernel, Tile, Tiles};
 
 /// A rectangle of values in a slice, `stride` between the beginnings of its rows, that a product goes to.
-pub(crate) struct Target<'a> {
+pub(crate) struct Destination<'a> {
     pub(crate) data: &'a mut [f32],
     pub(crate) stride: usize,
     pub(crate) base: Base<'a>,
@@ -52,7 +52,7 @@ pub(crate) enum Base<'a> {
 /// # Panics
 /// If the inner sides differ or the target is too short.
 #[track_caller]
-pub(crate) fn multiply(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
+pub(crate) fn multiply(target: Destination<'_>, left: MatRef<'_>, right: &Panels) {
     let (m, k, n) = (left.rows(), left.cols(), right.cols());
     assert!(k == right.rows(), "product: [{m}x{k}] and [{}x{n}]", right.rows());
     if m == 0 || n == 0 {
@@ -79,8 +79,8 @@ pub(crate) fn multiply(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
 }
 
 /// [`multiply`] with the tiles of K. The processor has its instruction set, and the shapes fit.
-fn multiply_with<K: MicroKernel>(target: Target<'_>, left: MatRef<'_>, right: &Panels) {
-    let Target { data, stride, base } = target;
+fn multiply_with<K: MicroKernel>(target: Destination<'_>, left: MatRef<'_>, right: &Panels) {
+    let Destination { data, stride, base } = target;
     let pick = |tiles: Tiles| if left.transposed { tiles.transposed } else { tiles.straight };
     let (wide, narrow) = (pick(K::TILES), pick(K::NARROW_TILES));
     // Where a tile goes that has more columns than are left of the result.

@@ -2,7 +2,7 @@
 //! bit.
 
 use super::kernels::{fuses, panel_columns};
-use super::{Base, DEPTH, MatRef, Panels, Target, multiply, rows_of_tile};
+use super::{Base, DEPTH, Destination, MatRef, Panels, multiply, rows_of_tile};
 use crate::simd::InstructionSet;
 use crate::simd::testing::{at, available};
 use proptest::prelude::*;
@@ -63,7 +63,7 @@ fn run(case: Case, set: InstructionSet) -> (Vec<f32>, Vec<f32>) {
             Start::Out => Base::Out,
             Start::Row => Base::Row(&bias),
         };
-        multiply(Target { data: &mut found, stride: n + gap, base }, left, &panels);
+        multiply(Destination { data: &mut found, stride: n + gap, base }, left, &panels);
     });
 
     let fused = fuses(set);
@@ -157,12 +157,16 @@ fn nothing_is_written_for_an_empty_result() {
     let mut panels = Panels::new();
     panels.fill(MatRef::window(&[], 3, 0, 0));
     multiply(
-        Target { data: &mut out, stride: 2, base: Base::Zero },
+        Destination { data: &mut out, stride: 2, base: Base::Zero },
         MatRef::window(&[0.0; 6], 2, 3, 3),
         &panels,
     );
     panels.fill(MatRef::window(&[0.0; 6], 3, 2, 2));
-    multiply(Target { data: &mut out, stride: 2, base: Base::Zero }, MatRef::window(&[], 0, 3, 3), &panels);
+    multiply(
+        Destination { data: &mut out, stride: 2, base: Base::Zero },
+        MatRef::window(&[], 0, 3, 3),
+        &panels,
+    );
     assert_eq!(out, [7.0; 4]);
 }
 
@@ -192,7 +196,7 @@ fn a_result_that_is_too_short_is_refused() {
     let mut panels = Panels::new();
     panels.fill(MatRef::window(&[0.0; 12], 3, 4, 4));
     multiply(
-        Target { data: &mut [0.0; 7], stride: 4, base: Base::Zero },
+        Destination { data: &mut [0.0; 7], stride: 4, base: Base::Zero },
         MatRef::window(&[0.0; 6], 2, 3, 3),
         &panels,
     );
@@ -204,7 +208,7 @@ fn inner_sides_that_differ_are_refused() {
     let mut panels = Panels::new();
     panels.fill(MatRef::window(&[0.0; 12], 3, 4, 4));
     multiply(
-        Target { data: &mut [0.0; 8], stride: 4, base: Base::Zero },
+        Destination { data: &mut [0.0; 8], stride: 4, base: Base::Zero },
         MatRef::window(&[0.0; 4], 2, 2, 2),
         &panels,
     );
@@ -217,7 +221,7 @@ fn panels_for_an_instruction_set_that_is_not_there_are_refused() {
         panels.fill_for(set, MatRef::window(&[1.0; 12], 3, 4, 4));
         let run = || {
             let mut out = [0.0; 8];
-            let target = Target { data: &mut out, stride: 4, base: Base::Zero };
+            let target = Destination { data: &mut out, stride: 4, base: Base::Zero };
             multiply(target, MatRef::window(&[1.0; 6], 2, 3, 3), &panels);
             out
         };
