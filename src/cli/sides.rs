@@ -38,8 +38,8 @@ pub fn three_numbers(text: &str) -> Result<[f64; 3], String> {
 /// Contradicting normals, of all, from which on they are doubtful.
 const DOUBTFUL: f64 = 0.03;
 
-/// Points behind or before others, of all, from which on they have not been seen from one place. Scans of a street and a
-/// room have up to 0.03; closed shapes that are seen from outside 0.09 to 0.33, less only where they are thin.
+/// Points behind or before others, of all, from which on they have not been seen from one place. Scans of a street and
+/// a room have up to 0.03; closed shapes that are seen from outside 0.09 to 0.33, less only where they are thin.
 const HIDDEN: f64 = 0.1;
 
 /// The normals that decide the sides, and what to tell.

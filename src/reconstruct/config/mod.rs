@@ -73,7 +73,7 @@ pub struct Stage {
 }
 
 /// The part of the grid that training works on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Band {
     /// Steps between two searches for the grid cubes that the surface crosses; each search also keeps a state to fall
@@ -81,6 +81,10 @@ pub struct Band {
     pub refresh: usize,
     /// Rings of cubes around the crossed ones that belong to the band, too. Default 0.
     pub rings: usize,
+    /// Random shift of the grid along each axis, drawn anew in each step, in cubes: 1 is up to half a cube either way.
+    /// Without, the field is trained at the same places for many steps and is free between them. 0 is no shift. Default
+    /// 1.
+    pub shift: f32,
 }
 
 /// How much of a large cloud one step sees; clouds below these sizes are seen whole.

@@ -118,6 +118,7 @@ const REST: &[Entry] = entries! {
     reference_area or "off";
     band.refresh;
     band.rings;
+    band.shift;
     batch.thin or "off";
     batch.points;
     batch.centres;

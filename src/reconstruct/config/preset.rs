@@ -164,7 +164,7 @@ fn default() -> Config {
         },
         stages: vec![Stage { resolution: 32, steps: 60 }, Stage { resolution: 48, steps: 60 }],
         reference_area: Some(USUAL_AREA),
-        band: Band { refresh: 4, rings: 0 },
+        band: Band { refresh: 4, rings: 0, shift: 1.0 },
         batch: Batch { thin: Some(0.25), points: 4096, centres: 1024 },
         surface_samples: Some(4000),
         field_rate: Schedule { base: 5e-4, warmup: 20, decay: Decay::Cosine { floor: 0.05 } },

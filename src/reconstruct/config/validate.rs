@@ -107,6 +107,8 @@ impl Config {
         within("stages", self.stages.len(), 0, 100)?;
         within("band.refresh", self.band.refresh, 1, 1_000_000)?;
         within("band.rings", self.band.rings, 0, 64)?;
+        let shift = self.band.shift;
+        check("band.shift", (0.0..=1.0).contains(&shift), shift, "use 0 (no shift) to 1")?;
         positive_some("batch.thin", self.batch.thin.map(f64::from), "off")?;
         within("batch.points", self.batch.points, 16, 1 << 24)?;
         within("batch.centres", self.batch.centres, 16, 1 << 20)?;
@@ -204,6 +206,8 @@ mod tests {
             ("reference_area", "-1"),
             ("stages", "32:0"),
             ("band.refresh", "0"),
+            ("band.shift", "1.5"),
+            ("band.shift", "NaN"),
             ("batch.points", "0"),
             ("field_rate.base", "0"),
             ("bsp_rate.decay", "cosine:2"),

@@ -10,7 +10,7 @@ use crate::bsp::SurfaceMap;
 use crate::error::{Error, ErrorKind};
 use crate::field::{FieldMemory, FieldVars};
 use crate::gdo::{FaceSamples, deform};
-use crate::geometry::{TetGrid, TriangleBvh, median};
+use crate::geometry::{TetGrid, TriangleBvh, median, vec3};
 use crate::nn::Bound;
 use crate::optim::{clip_norm, gradient_norm};
 use crate::random::Random;
@@ -21,6 +21,11 @@ use crate::reconstruct::setup::Setup;
 use crate::reconstruct::shape_samples::BlockSamples;
 use crate::reconstruct::state::{State, fresh_adam};
 use crate::tensor::Tensor;
+use rand::RngExt;
+
+/// Random numbers of the grid's shift in step i come from stream `SHIFT_STREAMS + i`; those of the samples on the faces
+/// from stream i + 1.
+const SHIFT_STREAMS: u64 = 1 << 40;
 
 /// Prepares a state for the first step of the training; doing it again changes nothing.
 ///
@@ -136,6 +141,8 @@ pub(in crate::reconstruct) struct Sampled {
     parameters: Var,
     /// grad g at all places.
     gradient: Var,
+    /// The active vertices V of the shifted grid, v x 3.
+    grid: Vec<[f32; 3]>,
     /// At the active vertices; g is raised on the border of the grid, so that the surface ends before it.
     pub at_verts: FieldVars,
     /// g at the seen points of the cloud, q x 1, if a term asks for it.
@@ -175,6 +182,20 @@ impl<'a> TrainStep<'a> {
         Seen { points: rows.iter().map(|&i| working[i as usize]).collect(), rows, block }
     }
 
+    /// The active vertices of this step (v x 3, working frame): the grid is shifted by up to half of `band.shift` cubes
+    /// along each axis, by another vector in every step. Which tetrahedra are active stays as it was searched for.
+    ///
+    /// # Errors
+    /// As [`TetGrid::working_frame`].
+    fn shifted_grid(&self) -> Result<Vec<[f32; 3]>, Error> {
+        let Setup { config, .. } = self.setup;
+        let cube = TetGrid::working_frame(self.band.resolution)?.spacing();
+        let mut rng = Random::new(config.seed);
+        rng.set_stream(SHIFT_STREAMS + self.step as u64);
+        let shift = [(); 3].map(|()| config.band.shift * cube * (rng.source().random::<f32>() - 0.5));
+        Ok(self.band.verts.iter().map(|&v| vec3::add(v, shift)).collect())
+    }
+
     /// Puts the field on the tape: at the active vertices, the seen points and the bridges, as far as terms need them.
     ///
     /// # Errors
@@ -182,7 +203,8 @@ impl<'a> TrainStep<'a> {
     pub fn sample_field(&self, seen: &Seen, work: &mut Workspace) -> Result<Sampled, Error> {
         let (band, weights, field) = (self.band, &self.setup.config.weights, &self.state.field);
         let Workspace { tape, memory, .. } = work;
-        let mut places = band.verts.clone();
+        let grid = self.shifted_grid()?;
+        let mut places = grid.clone();
         let verts = 0..places.len();
         if weights.on_points > 0.0 || weights.eikonal > 0.0 {
             places.extend_from_slice(&seen.points);
@@ -206,6 +228,7 @@ impl<'a> TrainStep<'a> {
         let on_points = weights.on_points > 0.0 && !points.is_empty();
         Ok(Sampled {
             parameters,
+            grid,
             gradient: all.gradient,
             at_verts,
             at_points: on_points.then(|| tape.slice_rows(sdf, points)),
@@ -230,7 +253,7 @@ impl<'a> TrainStep<'a> {
     /// Goes on with the tape from the field to the loss: moved vertices, surface, target, terms.
     pub fn record(&self, sampled: &Sampled, seen: &Seen, work: &mut Workspace) -> Result<Recorded, Error> {
         let Setup { config, working, blocks, .. } = self.setup;
-        let (state, band) = (self.state, self.band);
+        let state = self.state;
         let progress = self.step as f32 / self.steps.max(1) as f32;
         let Workspace {
             tape,
@@ -240,7 +263,7 @@ impl<'a> TrainStep<'a> {
             held_samples,
             ..
         } = work;
-        let verts = tape.constant(Tensor::from_points(&band.verts));
+        let verts = tape.constant(Tensor::from_points(&sampled.grid));
         let moved = deform(tape, config.deformation, verts, &sampled.at_verts);
         let crossings = tape.edge_crossing(moved, sampled.at_verts.sdf, &iso.edges[..]);
         check_near("the extracted surface", tape.value(crossings).data())?;
@@ -283,7 +306,7 @@ impl<'a> TrainStep<'a> {
             (sdf, tape.constant(Tensor::from_vec(&[depths.len(), 1], depths.clone())))
         });
         let inputs = TermInputs {
-            verts: &band.verts,
+            verts: &sampled.grid,
             faces: &iso.faces,
             field: sampled.at_verts,
             cloud_sdf: sampled.at_points,
@@ -318,7 +341,7 @@ impl<'a> TrainStep<'a> {
         (field, recorded.map.as_ref().map(|p| p.collect(&mut gradients)))
     }
 
-    /// V and V' of this step's grid (v x 3 each, working frame).
+    /// V and V' of this step's grid, without its shift (v x 3 each, working frame).
     ///
     /// # Errors
     /// [`ErrorKind::Diverged`] if V' is not finite or far away.
@@ -358,9 +381,35 @@ fn seen_surface(
 
 #[cfg(test)]
 mod tests {
-    use super::lower_to_points;
+    use super::{TrainStep, lower_to_points};
     use crate::field::Field;
+    use crate::geometry::TetGrid;
     use crate::reconstruct::tests::{at_training, ball, tiny};
+
+    #[test]
+    fn the_grid_is_shifted_by_less_than_half_a_cube_and_otherwise_in_every_step() {
+        let mut config = tiny();
+        config.band.shift = 1.0;
+        let mut trainer = at_training(&ball(60), &config);
+        trainer.step().unwrap();
+        let band = trainer.band.as_ref().unwrap();
+        let shift = |step: usize| {
+            let grid = TrainStep::new(&trainer.setup, &trainer.state, band, step).shifted_grid().unwrap();
+            let by = |(a, b): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|k| a[k] - b[k]);
+            let all: Vec<[f32; 3]> = grid.iter().zip(&band.verts).map(by).collect();
+            assert!(all.iter().all(|v| (0..3).all(|k| (v[k] - all[0][k]).abs() < 1e-6)));
+            all[0]
+        };
+        let shifts: Vec<[f32; 3]> = (0..40).map(shift).collect();
+        let half = 0.5 * TetGrid::working_frame(band.resolution).unwrap().spacing();
+        for k in 0..3 {
+            let along = || shifts.iter().map(|s| s[k]);
+            assert!(along().all(|x| x.abs() <= half + 1e-6));
+            // Of 40 even draws some are in each outer quarter.
+            assert!(along().any(|x| x > 0.5 * half) && along().any(|x| x < -0.5 * half), "{shifts:?}");
+        }
+        assert!(shifts.windows(2).all(|pair| pair[0] != pair[1]));
+    }
 
     #[test]
     fn a_field_without_an_inside_is_lowered_to_the_points() {

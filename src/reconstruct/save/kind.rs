@@ -13,7 +13,7 @@ pub(super) struct Kind {
 }
 
 /// A state of a run, to go on from. Runs of earlier versions had their points in another order.
-pub(super) const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 6, oldest: 6 };
+pub(super) const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 7, oldest: 6 };
 /// A result. Files of version 2 are read by all later programs. Options may come, go and change their names within a
 /// version, as far as [`options`](super::options) says what stands for those that are missing; the version grows with a
 /// change of meaning.

@@ -24,7 +24,7 @@ const ADDED_TO_RESULTS: &[Added] = &[
     Added { key: "finish", since: 3, before: "none" },
     Added { key: "train_up_to", since: 5, before: "all" },
 ];
-const ADDED_TO_CHECKPOINTS: &[Added] = &[];
+const ADDED_TO_CHECKPOINTS: &[Added] = &[Added { key: "band.shift", since: 7, before: "0" }];
 
 /// Options that a result is read by: the shape of its network, how it is finished, and what its mesh is made by.
 fn is_needed(key: &str) -> bool {

@@ -37,6 +37,7 @@ fn all_terms() -> Config {
 fn sampled_in_blocks() -> Config {
     let mut config = all_terms();
     config.surface_samples = Some(150);
+    config.band.shift = 1.0;
     (config.weights.deform, config.weights.deform_decay) = (8.0, 0.04);
     config.batch = Batch { thin: None, points: 32, centres: 20 };
     config

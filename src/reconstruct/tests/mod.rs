@@ -34,6 +34,8 @@ pub(in crate::reconstruct) fn tiny() -> Config {
     (config.start.dipole_radius, config.start.regularity) = (Some(0.5), 0.05);
     config.start.steps = 30;
     config.stages = vec![Stage { resolution: 8, steps: 6 }, Stage { resolution: 12, steps: 6 }];
+    // The states and losses that tests look at are those of a grid that stays; its shift has a test of its own.
+    config.band.shift = 0.0;
     // The grids that the stages say, whatever the area.
     (config.surface_samples, config.reference_area) = (None, None);
     config
