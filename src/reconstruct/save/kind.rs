@@ -17,7 +17,7 @@ pub(super) const CHECKPOINT: Kind = Kind { name: "checkpoint", version: 7, oldes
 /// A result. Files of version 2 are read by all later programs. Options may come, go and change their names within a
 /// version, as far as [`options`](super::options) says what stands for those that are missing; the version grows with a
 /// change of meaning.
-pub(super) const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 5, oldest: 2 };
+pub(super) const RECONSTRUCTION: Kind = Kind { name: "reconstruction", version: 6, oldest: 2 };
 
 impl Kind {
     /// Puts the kind and its version into a file.
@@ -43,7 +43,7 @@ impl Kind {
     }
 }
 
-/// A kind and its version, such as `reconstruction 5`, as messages name it.
+/// A kind and its version, such as `reconstruction 6`, as messages name it.
 fn in_words(kind: &str) -> String {
     match kind.split_once(' ') {
         Some((name, version)) => {
@@ -65,8 +65,8 @@ mod tests {
             store.put("kind", kind);
             RECONSTRUCTION.check(&store).map_err(|e| e.advice().unwrap().to_string())
         };
-        (2..6).for_each(|v| assert_eq!(advice(&format!("reconstruction {v}")), Ok(v)));
-        assert!(advice("reconstruction 6").unwrap_err().contains("later version"));
+        (2..7).for_each(|v| assert_eq!(advice(&format!("reconstruction {v}")), Ok(v)));
+        assert!(advice("reconstruction 7").unwrap_err().contains("later version"));
         assert!(advice("reconstruction 1").unwrap_err().contains("early version"));
         for other in ["checkpoint 2", "reconstruction", ""] {
             assert!(advice(other).unwrap_err().contains("a checkpoint is for --resume"), "{other}");

@@ -23,6 +23,7 @@ struct Added {
 const ADDED_TO_RESULTS: &[Added] = &[
     Added { key: "finish", since: 3, before: "none" },
     Added { key: "train_up_to", since: 5, before: "all" },
+    Added { key: "band.shift", since: 6, before: "0" },
 ];
 const ADDED_TO_CHECKPOINTS: &[Added] = &[Added { key: "band.shift", since: 7, before: "0" }];
 
