@@ -26,8 +26,7 @@ fn field(c: &mut Criterion) {
                 tape.clear();
                 let parameters = tape.input(field.params().flat());
                 let vars = field.fused(&mut tape, parameters, &verts, &memory);
-                let positions = tape.constant(Tensor::from_points(&verts));
-                let moved = deform(&mut tape, Deformation::Projection, positions, &vars);
+                let moved = deform(&mut tape, Deformation::Projection, &vars);
                 let moved_sq = tape.square(moved);
                 let length_sq = tape.sum_cols(moved_sq);
                 let length_sq = tape.mean(length_sq);

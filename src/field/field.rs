@@ -13,6 +13,7 @@ use crate::nn::{Bound, ParamId, Params};
 use crate::random::Random;
 use crate::tensor::Tensor;
 use rand_distr::{Distribution, Normal};
+use std::ops::Range;
 
 /// The field network: n x 3 points in the working frame to n x 1 signed distances, negative inside.
 ///
@@ -30,15 +31,31 @@ pub struct Field {
     offset: bool,
 }
 
-/// The field's values on a tape, for n points.
+/// The field's values on a tape, for n points, and the points themselves: what goes on from the values takes the places
+/// from here, so that it cannot take others than those of the values.
 #[derive(Clone, Copy, Debug)]
 pub struct FieldVars {
+    /// The points, n x 3, working frame.
+    pub points: Var,
     /// g, n x 1.
     pub sdf: Var,
     /// grad g, n x 3.
     pub gradient: Var,
     /// The displacement, n x 3, if the field has one.
     pub offset: Option<Var>,
+}
+
+impl FieldVars {
+    /// The same at some of the points alone, by their rows.
+    pub(crate) fn rows(&self, tape: &mut Tape, rows: Range<usize>) -> FieldVars {
+        let mut of = |var: Var| tape.slice_rows(var, rows.clone());
+        FieldVars {
+            points: of(self.points),
+            sdf: of(self.sdf),
+            gradient: of(self.gradient),
+            offset: self.offset.map(of),
+        }
+    }
 }
 
 /// Standard deviation of the weights that the displacement starts with.
@@ -248,11 +265,12 @@ impl Field {
                 gradient = tape.add(gradient, term);
             }
         }
+        let points = tape.constant(Tensor::from_points(points));
         if self.offset {
             let sdf = tape.slice_cols(out, 0..1);
-            FieldVars { sdf, gradient, offset: Some(tape.slice_cols(out, 1..4)) }
+            FieldVars { points, sdf, gradient, offset: Some(tape.slice_cols(out, 1..4)) }
         } else {
-            FieldVars { sdf: out, gradient, offset: None }
+            FieldVars { points, sdf: out, gradient, offset: None }
         }
     }
 }

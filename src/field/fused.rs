@@ -95,6 +95,7 @@ impl Field {
         let op = FusedField { field: self.clone(), points: points.to_vec(), memory: memory.clone() };
         let values = tape.apply(op, [parameters]);
         FieldVars {
+            points: tape.constant(Tensor::from_points(points)),
             sdf: tape.slice_cols(values, 0..1),
             gradient: tape.slice_cols(values, 1..4),
             offset: self.has_offset().then(|| tape.slice_cols(values, 4..7)),

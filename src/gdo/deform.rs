@@ -19,14 +19,15 @@ pub enum Deformation {
     None,
 }
 
-/// The moved vertices; `verts` v x 3 and the field there to v x 3, in the working frame.
+/// The moved vertices V', v x 3, working frame: `field` is what the field is at the vertices V, its points.
 ///
 /// Gradient: to all that enter; smooth except where the field's gradient is 0, where its direction counts as 0.
 ///
 /// # Panics
 /// If the shapes do not fit, or the field has no offset to move by.
 #[track_caller]
-pub fn deform(tape: &mut Tape, how: Deformation, verts: Var, field: &FieldVars) -> Var {
+pub fn deform(tape: &mut Tape, how: Deformation, field: &FieldVars) -> Var {
+    let verts = field.points;
     let step = match how {
         Deformation::None => return verts,
         Deformation::Offset => {
@@ -59,7 +60,7 @@ mod tests {
             let inputs =
                 [normal(&[n, 3], seed), normal(&[n, 1], seed ^ 1), direction, normal(&[n, 3], seed ^ 3)];
             let f = |t: &mut Tape, x: &[Var]| {
-                deform(t, how, x[0], &FieldVars { sdf: x[1], gradient: x[2], offset: Some(x[3]) })
+                deform(t, how, &FieldVars { points: x[0], sdf: x[1], gradient: x[2], offset: Some(x[3]) })
             };
             // The ways differ in what enters; a check needs every input to have a gradient.
             let used = match how {
@@ -84,8 +85,8 @@ mod tests {
             let (x, s) = (normal(&[n, 3], seed), normal(&[n, 1], seed ^ 1));
             let (g, e) = (normal(&[n, 3], seed ^ 2), normal(&[n, 3], seed ^ 3));
             let mut t = Tape::new();
-            let v = [&x, &s, &g, &e].map(|x| t.constant(x.clone()));
-            let moved = deform(&mut t, how, v[0], &FieldVars { sdf: v[1], gradient: v[2], offset: Some(v[3]) });
+            let [points, sdf, gradient, offset] = [&x, &s, &g, &e].map(|x| t.constant(x.clone()));
+            let moved = deform(&mut t, how, &FieldVars { points, sdf, gradient, offset: Some(offset) });
             for i in 0..n {
                 let length = g.row(i).iter().map(|g| g * g).sum::<f32>().sqrt();
                 for d in 0..3 {
@@ -110,11 +111,11 @@ mod tests {
         // g = |x| - 1, grad g = x / |x|; any scale of the gradient gives the same move.
         let mut t = Tape::new();
         let x = [[3.0, 0.0, 4.0], [0.0, 0.5, 0.0]];
-        let v = t.constant(Tensor::from_points(&x));
-        let g = t.constant(Tensor::from_vec(&[2, 1], vec![4.0, -0.5]));
-        let d = t.constant(Tensor::from_points(&[[6.0, 0.0, 8.0], [0.0, 0.1, 0.0]]));
-        let moved =
-            deform(&mut t, Deformation::Projection, v, &FieldVars { sdf: g, gradient: d, offset: None });
+        let points = t.constant(Tensor::from_points(&x));
+        let sdf = t.constant(Tensor::from_vec(&[2, 1], vec![4.0, -0.5]));
+        let gradient = t.constant(Tensor::from_points(&[[6.0, 0.0, 8.0], [0.0, 0.1, 0.0]]));
+        let field = FieldVars { points, sdf, gradient, offset: None };
+        let moved = deform(&mut t, Deformation::Projection, &field);
         for (p, q) in t.value(moved).to_points().iter().zip([[0.6, 0.0, 0.8], [0.0, 1.0, 0.0]]) {
             assert!((0..3).all(|i| (p[i] - q[i]).abs() < 1e-6));
         }

@@ -89,7 +89,10 @@ loss_terms! {
     on_points, " Default 0.02, paper 0.": |tape, inputs| inputs.cloud_sdf.map(|sdf| mean_abs(tape, sdf));
     /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
     /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
-    pull, " Default 0, paper 0.": |tape, inputs| Some(pull(tape, inputs.verts, inputs.moved, inputs.target));
+    pull, " Default 0, paper 0.": |tape, inputs| {
+        let verts = tape.value(inputs.field.points).to_points();
+        Some(pull(tape, &verts, inputs.moved, inputs.target))
+    };
     /// The mean squared distance from each point of the cloud to the extracted surface.
     cover, " Default 1, paper 0.": |tape, inputs| Some(match inputs.tree {
         None => tape.chamfer(inputs.drawn, inputs.seen, Direction::BACKWARD),
@@ -104,11 +107,9 @@ loss_terms! {
 
 /// The inputs of the loss terms, on the tape of a step.
 pub(super) struct TermInputs<'a> {
-    /// Active grid vertices before the move, v x 3.
-    pub verts: &'a [[f32; 3]],
     /// Faces of the extracted surface, f x 3.
     pub faces: &'a [[u32; 3]],
-    /// The field at the active vertices.
+    /// The active grid vertices before the move, v x 3, and the field there.
     pub field: FieldVars,
     /// grad g wherever the step evaluates it.
     pub gradient: Var,

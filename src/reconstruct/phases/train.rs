@@ -141,9 +141,8 @@ pub(in crate::reconstruct) struct Sampled {
     parameters: Var,
     /// grad g at all places.
     gradient: Var,
-    /// The active vertices V of the shifted grid, v x 3.
-    grid: Vec<[f32; 3]>,
-    /// At the active vertices; g is raised on the border of the grid, so that the surface ends before it.
+    /// At the active vertices V of the shifted grid; g is raised on the border of the grid, so that the surface ends
+    /// before it.
     pub at_verts: FieldVars,
     /// g at the seen points of the cloud, q x 1, if a term asks for it.
     pub at_points: Option<Var>,
@@ -203,8 +202,7 @@ impl<'a> TrainStep<'a> {
     pub fn sample_field(&self, seen: &Seen, work: &mut Workspace) -> Result<Sampled, Error> {
         let (band, weights, field) = (self.band, &self.setup.config.weights, &self.state.field);
         let Workspace { tape, memory, .. } = work;
-        let grid = self.shifted_grid()?;
-        let mut places = grid.clone();
+        let mut places = self.shifted_grid()?;
         let verts = 0..places.len();
         if weights.on_points > 0.0 || weights.eikonal > 0.0 {
             places.extend_from_slice(&seen.points);
@@ -219,20 +217,15 @@ impl<'a> TrainStep<'a> {
         if finite.into_iter().flatten().any(|var| !tape.value(var).is_finite()) {
             return Err(diverged("the field is not finite"));
         }
-        let sdf = tape.raise_rows(all.sdf, band.border.clone(), band.outside);
-        let at_verts = FieldVars {
-            sdf: tape.slice_rows(sdf, verts.clone()),
-            gradient: tape.slice_rows(all.gradient, verts.clone()),
-            offset: all.offset.map(|offset| tape.slice_rows(offset, verts)),
-        };
+        let all = FieldVars { sdf: tape.raise_rows(all.sdf, band.border.clone(), band.outside), ..all };
+        let at_verts = all.rows(tape, verts);
         let on_points = weights.on_points > 0.0 && !points.is_empty();
         Ok(Sampled {
             parameters,
-            grid,
             gradient: all.gradient,
             at_verts,
-            at_points: on_points.then(|| tape.slice_rows(sdf, points)),
-            at_bridges: (!bridges.is_empty()).then(|| tape.slice_rows(sdf, bridges)),
+            at_points: on_points.then(|| tape.slice_rows(all.sdf, points)),
+            at_bridges: (!bridges.is_empty()).then(|| tape.slice_rows(all.sdf, bridges)),
         })
     }
 
@@ -263,8 +256,7 @@ impl<'a> TrainStep<'a> {
             held_samples,
             ..
         } = work;
-        let verts = tape.constant(Tensor::from_points(&sampled.grid));
-        let moved = deform(tape, config.deformation, verts, &sampled.at_verts);
+        let moved = deform(tape, config.deformation, &sampled.at_verts);
         let crossings = tape.edge_crossing(moved, sampled.at_verts.sdf, &iso.edges[..]);
         check_near("the extracted surface", tape.value(crossings).data())?;
         let (drawn, tree) = match config.surface_samples {
@@ -306,7 +298,6 @@ impl<'a> TrainStep<'a> {
             (sdf, tape.constant(Tensor::from_vec(&[depths.len(), 1], depths.clone())))
         });
         let inputs = TermInputs {
-            verts: &sampled.grid,
             faces: &iso.faces,
             field: sampled.at_verts,
             cloud_sdf: sampled.at_points,
@@ -350,8 +341,7 @@ impl<'a> TrainStep<'a> {
         let mut tape = Tape::new();
         let parameters = tape.constant(self.state.field.params().flat());
         let field = self.state.field.fused(&mut tape, parameters, verts, &FieldMemory::default());
-        let at = tape.constant(Tensor::from_points(verts));
-        let moved = deform(&mut tape, self.setup.config.deformation, at, &field);
+        let moved = deform(&mut tape, self.setup.config.deformation, &field);
         check_near("the moved grid", tape.value(moved).data())?;
         Ok([verts.clone(), tape.value(moved).to_points()])
     }
@@ -381,7 +371,7 @@ fn seen_surface(
 
 #[cfg(test)]
 mod tests {
-    use super::{TrainStep, lower_to_points};
+    use super::{TrainStep, Workspace, lower_to_points};
     use crate::field::Field;
     use crate::geometry::TetGrid;
     use crate::reconstruct::tests::{at_training, ball, tiny};
@@ -393,8 +383,13 @@ mod tests {
         let mut trainer = at_training(&ball(60), &config);
         trainer.step().unwrap();
         let band = trainer.band.as_ref().unwrap();
+        // Where the field is evaluated, which is where the vertices are from then on.
         let shift = |step: usize| {
-            let grid = TrainStep::new(&trainer.setup, &trainer.state, band, step).shifted_grid().unwrap();
+            let (at, mut work) =
+                (TrainStep::new(&trainer.setup, &trainer.state, band, step), Workspace::default());
+            let sampled = at.sample_field(&at.seen(), &mut work).unwrap();
+            let grid = work.tape.value(sampled.at_verts.points).to_points();
+            assert_eq!(grid.len(), band.verts.len());
             let by = |(a, b): (&[f32; 3], &[f32; 3])| [0, 1, 2].map(|k| a[k] - b[k]);
             let all: Vec<[f32; 3]> = grid.iter().zip(&band.verts).map(by).collect();
             assert!(all.iter().all(|v| (0..3).all(|k| (v[k] - all[0][k]).abs() < 1e-6)));
