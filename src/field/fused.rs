@@ -77,8 +77,7 @@ impl Op<1> for FusedField {
 
 impl Field {
     /// g, grad g and the displacement at n points (n x 3, working frame) from the parameters in one row, 1 x P as
-    /// [`Params::flat`](crate::nn::Params::flat) puts them; those of `self` do not count. The same values as
-    /// [`outputs`](Self::outputs) within rounding, on several threads.
+    /// [`Params::flat`](crate::nn::Params::flat) puts them; those of `self` do not count.
     ///
     /// Gradient: to the parameters; the points are constant.
     ///

@@ -1,4 +1,4 @@
-//! The signed distance field g, a network; as tape operations, and fused into one operation for training.
+//! The signed distance field g, a network, with its spatial gradient: one operation of the tape for training.
 
 mod config;
 #[allow(clippy::module_inception)]
@@ -7,6 +7,8 @@ mod fused;
 mod network;
 mod pass;
 mod rows;
+#[cfg(test)]
+mod testing;
 mod values;
 
 pub(crate) use config::octave_factor;

@@ -1,6 +1,6 @@
 //! The field network over a block of points: values, spatial gradient and the gradients of the weights, without a tape.
 //!
-//! The arithmetic is that of [`Field::outputs`], which writes it with tape operations and is its twin in the tests.
+//! `field/testing.rs` writes the same arithmetic with tape operations; that is its twin in the tests.
 //! Here every layer is a few matrix products with one pass over the block between them, so that what a layer works
 //! on stays in the processor's cache and nothing is allocated once the buffers have grown.
 //!

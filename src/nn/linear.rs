@@ -61,16 +61,6 @@ impl Linear {
         Linear { weight: scope.add("weight", weight), bias: scope.add("bias", bias) }
     }
 
-    /// The weight, c_in x c_out.
-    pub fn weight(&self) -> ParamId {
-        self.weight
-    }
-
-    /// The bias, 1 x c_out.
-    pub fn bias(&self) -> ParamId {
-        self.bias
-    }
-
     /// x w + b; n x c_in to n x c_out.
     ///
     /// # Panics

@@ -85,16 +85,6 @@ impl Mlp {
         Mlp { layers, activation }
     }
 
-    /// The linear layers, first to last.
-    pub fn layers(&self) -> &[Linear] {
-        &self.layers
-    }
-
-    /// The activation between them.
-    pub fn activation(&self) -> Activation {
-        self.activation
-    }
-
     /// n x `widths[0]` to n x `widths[l]`.
     ///
     /// # Panics

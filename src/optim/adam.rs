@@ -72,11 +72,6 @@ impl Adam {
         Adam { options, steps: vec![0; values.len()], m: zeros(), v: zeros() }
     }
 
-    /// The constants.
-    pub fn options(&self) -> AdamOptions {
-        self.options
-    }
-
     /// The number of steps each parameter has taken.
     pub fn steps(&self) -> &[u64] {
         &self.steps

@@ -16,6 +16,5 @@ pub(crate) mod testing;
 pub(crate) use instruction_set::{InstructionSet, instruction_set};
 pub(crate) use kernel::kernel;
 pub(crate) use math::{
-    exp, exp_slice, sigmoid_slice, sin_cos, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice,
-    tanh_slice,
+    exp, exp_slice, sigmoid_slice, sin_cos_slice, softplus_sigmoid, softplus_sigmoid_slice, tanh_slice,
 };

@@ -21,11 +21,6 @@ impl Pool {
         self.0.allocations.load(Ordering::Relaxed)
     }
 
-    /// Frees all memory that is not in use.
-    pub fn trim(&self) {
-        self.0.free.lock().unwrap_or_else(PoisonError::into_inner).clear();
-    }
-
     /// A buffer of `len` values, whatever they are.
     pub(super) fn take(&self, len: usize) -> Buffer {
         let (class, capacity) = class_of(len);

@@ -145,21 +145,6 @@ impl BandTopology {
         BandTopology { vert_count, tets, edges, tet_edges: ids.as_chunks().0.to_vec() }
     }
 
-    /// Number of vertices v that signs are expected for.
-    pub fn vert_count(&self) -> usize {
-        self.vert_count
-    }
-
-    /// The tetrahedra, t x 4.
-    pub fn tets(&self) -> &[[u32; 4]] {
-        &self.tets
-    }
-
-    /// The unique edges of all tetrahedra, e x 2, each as (lower, higher), in ascending order.
-    pub fn edges(&self) -> &[[u32; 2]] {
-        &self.edges
-    }
-
     /// Marches with one sign per vertex (v), reusing the buffers of `out`; the same result as [`march`].
     ///
     /// # Panics
