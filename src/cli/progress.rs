@@ -125,7 +125,7 @@ impl Progress {
                 for (name, value) in r.terms.each().into_iter().filter(|(_, value)| *value > 0.0) {
                     text += &format!("  {name} {value:.1e}");
                 }
-                text + &format!("  grid {}", r.resolution)
+                text + &r.resolution.map_or(String::new(), |cubes| format!("  grid {cubes}"))
             }
         }
     }

@@ -14,8 +14,8 @@ pub struct StepReport {
     pub total: usize,
     /// The phase of the step.
     pub phase: Phase,
-    /// Cubes along each side of the grid; 0 before the training proper.
-    pub resolution: usize,
+    /// Cubes along each side of the grid; `None` before the training proper, which has none.
+    pub resolution: Option<usize>,
     /// The loss that the step minimised: in the training proper the weighted sum of all terms, in the pretraining
     /// L_para, in the start the mean difference between the field and the distance to its first shape (plus a small
     /// multiple of that of their gradients).

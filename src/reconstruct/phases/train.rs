@@ -96,7 +96,7 @@ pub(in crate::reconstruct) fn step(
     }
     Ok(Update {
         report: StepReport {
-            resolution: at.band.resolution,
+            resolution: Some(at.band.resolution),
             loss,
             terms: recorded.terms,
             field_rate: rate_factor * config.field_rate.rate_at(at.step, at.steps),

@@ -68,7 +68,7 @@ fn the_fine_preset_takes_its_steps() {
                 r.loss.is_finite() && r.terms.deform > 0.0 && r.surface_verts > 0 && r.recoveries == 0,
                 "{r:?}"
             );
-            steps.push(r.resolution);
+            steps.extend(r.resolution);
         }
         ControlFlow::Continue(())
     })
@@ -131,9 +131,9 @@ fn the_callback_sees_everything_and_stops_the_run() {
     let Outcome::Stopped(trainer) = outcome else { panic!("the run was not stopped") };
     assert_eq!(trainer.steps_done(), 43);
     assert!(trainer.finish().mesh(12).unwrap().topology().closed);
-    let start = (0..30).map(|i| (i, Phase::Start, 0));
-    let pretrain = (30..35).map(|i| (i, Phase::Pretrain, 0));
-    let train = (35..43).map(|i| (i, Phase::Train, if i < 41 { 8 } else { 12 }));
+    let start = (0..30).map(|i| (i, Phase::Start, None));
+    let pretrain = (30..35).map(|i| (i, Phase::Pretrain, None));
+    let train = (35..43).map(|i| (i, Phase::Train, Some(if i < 41 { 8 } else { 12 })));
     assert_eq!(seen, start.chain(pretrain).chain(train).collect::<Vec<_>>());
 
     let stopped = reconstruct_with(&points, &config, &mut |_| ControlFlow::Break(())).err().unwrap();
