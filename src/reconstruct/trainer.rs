@@ -12,6 +12,8 @@ use crate::geometry::Position;
 
 /// How often a run comes back from a step that went wrong before it fails.
 pub(super) const MAX_RECOVERIES: usize = 3;
+/// Steps of the first two phases between two states that are kept to come back to.
+const KEEP_EVERY: usize = 20;
 
 /// Training in progress.
 ///
@@ -139,36 +141,38 @@ impl Trainer {
     /// One step of the present phase. On an error the parameters are as before it.
     fn try_step(&mut self, stop: Stop<'_>) -> Result<StepReport, Error> {
         let (phase, step) = self.setup.config.phase_at(self.state.step);
-        let rate_factor = 0.5f32.powi(self.recoveries as i32);
         let Trainer { setup, state, band, work, .. } = self;
-        let update = match (phase, &setup.shape, &state.map) {
-            (Phase::Start, Some(shape), _) => {
-                start::step(&setup.config, shape, state, &work.memory, rate_factor)?
-            }
-            (Phase::Pretrain, _, Some(map)) => pretrain::step(setup, map, step, &mut work.tape, rate_factor)?,
+        let due = step.is_multiple_of(KEEP_EVERY);
+        let (mut update, keep) = match (phase, &setup.shape, &state.map) {
+            (Phase::Start, Some(shape), _) => (start::step(setup, state, shape, work)?, due),
+            (Phase::Pretrain, _, Some(map)) => (pretrain::step(setup, state, map, work)?, due),
             _ => {
                 if step == 0 {
                     train::begin(setup, state)?;
                 }
                 look_for_gaps(setup, state, step)?;
                 let (band, searched) = current_band(setup, state, step, band, stop)?;
-                let at = train::TrainStep::new(setup, state, band, step);
-                train::step(&at, work, searched, rate_factor, stop)?
+                // A state whose band was searched for just now, and whose step went well, has a surface, a finite loss
+                // and finite gradients.
+                (train::step(setup, state, band, work, stop)?, searched)
             }
         };
-        if update.keep {
+        if keep {
             self.good = self.state.clone();
         }
         self.work.clear();
-        let report = StepReport {
+        let lower = 0.5f32.powi(self.recoveries as i32);
+        update.report = StepReport {
             step: self.state.step,
             total: self.total_steps(),
             phase,
             recoveries: self.recoveries,
+            field_rate: lower * update.report.field_rate,
+            bsp_rate: lower * update.report.bsp_rate,
             ..update.report
         };
         self.state.apply(&self.setup.blocks, &update);
-        Ok(report)
+        Ok(update.report)
     }
 
     /// Goes on from a state; the band is searched for anew.

@@ -1,4 +1,5 @@
-//! The phases of a run. A step of each takes a state and returns an [`Update`] of it.
+//! The phases of a run. A step of each takes the setup, a state, what it works on and a workspace, and returns an
+//! [`Update`] of the state.
 //!
 //! The field learns the first shape that is found among the points ([`start`]); then the parameterization is trained
 //! alone, to cover it ([`pretrain`]); then field, grid and parameterization together ([`train`]). The first two are
@@ -23,7 +24,8 @@ pub(super) type ParamGradients = Vec<Option<Tensor>>;
 
 /// What a step does to the state: gradients, known to be finite, for the optimisers, and a new part of S.
 pub(super) struct Update {
-    /// The report of the step, with its learning rates. Step, phase and recoveries are filled in by the trainer.
+    /// The report of the step, with the learning rates of the schedules. The trainer lowers these after recoveries, and
+    /// fills in what follows from the place of the step in the run.
     pub report: StepReport,
     /// Gradients by the parameters of the field, if the step trains it.
     pub field: Option<ParamGradients>,
@@ -31,8 +33,6 @@ pub(super) struct Update {
     pub map: Option<ParamGradients>,
     /// A block and its part of S, if the step computed that.
     pub part_of_s: Option<(usize, Vec<[f32; 3]>)>,
-    /// Whether the state before the step is to be kept to come back to.
-    pub keep: bool,
 }
 
 /// Buffers reused between steps; no training state.
@@ -57,9 +57,6 @@ impl Workspace {
         self.tape.clear();
     }
 }
-
-/// Steps of the first two phases between two states that are kept to come back to.
-pub(super) const KEEP_EVERY: usize = 20;
 
 /// The largest coordinate, working frame; beyond it the training has diverged.
 pub(super) const MAX_COORDINATE: f32 = 1e6;

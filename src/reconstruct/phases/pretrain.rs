@@ -1,6 +1,6 @@
 //! The second phase: the parameterization is trained alone, on L_para.
 
-use super::{KEEP_EVERY, StepReport, Update, check_gradients, check_near, diverged};
+use super::{StepReport, Update, Workspace, check_gradients, check_near, diverged};
 use crate::autodiff::{Tape, Var};
 use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::Error;
@@ -11,23 +11,25 @@ use crate::reconstruct::Phase;
 use crate::reconstruct::objective::Terms;
 use crate::reconstruct::setup::Setup;
 use crate::reconstruct::shape_samples::BlockSamples;
+use crate::reconstruct::state::State;
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// Step `step` of the pretraining of `map`, which is that of the state: on the next block of the cloud, in turn. With
+/// One step of the pretraining of `map`, which is that of the state: on the next block of the cloud, in turn. With
 /// the first shape beside the points (`bsp_pretrain_on_shape`), S is drawn to cover it.
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if S, the loss or its gradients are not finite.
 pub(in crate::reconstruct) fn step(
     setup: &Setup,
+    state: &State,
     map: &SurfaceMap,
-    step: usize,
-    tape: &mut Tape,
-    rate_factor: f32,
+    work: &mut Workspace,
 ) -> Result<Update, Error> {
     let Setup { config, working, blocks, .. } = setup;
+    let (_, step) = config.phase_at(state.step);
     let block = &blocks[step % blocks.len()];
+    let tape = &mut work.tape;
     tape.clear();
     let p = map.params().bind(tape, true);
     let (surface, context) = forward_map(tape, map, &p, working, block)?;
@@ -43,14 +45,13 @@ pub(in crate::reconstruct) fn step(
     }
     check_gradients("the parameterization", &gradients)?;
 
-    let bsp_rate = rate_factor * config.bsp_rate.rate_at(step, config.steps_in(Phase::Pretrain));
+    let bsp_rate = config.bsp_rate.rate_at(step, config.steps_in(Phase::Pretrain));
     let terms = Terms { para: loss, ..Terms::default() };
     Ok(Update {
         report: StepReport { loss, terms, bsp_rate, gradient_norm, ..StepReport::default() },
         field: None,
         map: Some(gradients),
         part_of_s: None,
-        keep: step.is_multiple_of(KEEP_EVERY),
     })
 }
 

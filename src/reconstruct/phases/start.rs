@@ -1,25 +1,26 @@
 //! The first phase: the field learns the first shape by regression.
 
-use super::{KEEP_EVERY, ParamGradients, StepReport, Update, check_gradients, diverged};
+use super::{ParamGradients, StepReport, Update, Workspace, check_gradients, diverged};
 use crate::error::Error;
-use crate::field::FieldMemory;
 use crate::optim::{Schedule, gradient_norm};
+use crate::reconstruct::Phase;
 use crate::reconstruct::first_shape::FirstShape;
+use crate::reconstruct::setup::Setup;
 use crate::reconstruct::state::State;
-use crate::reconstruct::{Config, Phase};
 
 /// One step of the regression of the field to `shape`.
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if the field or its gradients are not finite.
 pub(in crate::reconstruct) fn step(
-    config: &Config,
-    shape: &FirstShape,
+    setup: &Setup,
     state: &State,
-    memory: &FieldMemory,
-    rate_factor: f32,
+    shape: &FirstShape,
+    work: &mut Workspace,
 ) -> Result<Update, Error> {
-    let fit = shape.fit.step(&state.field, &mut memory.lend(), state.step);
+    let config = &setup.config;
+    let (_, step) = config.phase_at(state.step);
+    let fit = shape.fit.step(&state.field, &mut work.memory.lend(), step);
     let gradients: ParamGradients = fit.gradients;
     let gradient_norm = gradient_norm(&gradients);
     if !fit.loss.is_finite() {
@@ -31,12 +32,11 @@ pub(in crate::reconstruct) fn step(
     // Constant rate: a decaying one also fits the first shape's faults, such as webs between fingers, which the
     // training does not remove.
     let schedule = Schedule { warmup: steps / 20, ..Schedule::constant(config.start.rate) };
-    let field_rate = rate_factor * schedule.rate_at(state.step, steps);
+    let field_rate = schedule.rate_at(step, steps);
     Ok(Update {
         report: StepReport { loss: fit.loss, field_rate, gradient_norm, ..StepReport::default() },
         field: Some(gradients),
         map: None,
         part_of_s: None,
-        keep: state.step.is_multiple_of(KEEP_EVERY),
     })
 }

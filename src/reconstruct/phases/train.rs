@@ -58,20 +58,20 @@ pub(in crate::reconstruct) fn lower_to_points(setup: &Setup, state: &mut State) 
     Ok(outside)
 }
 
-/// Step `step` of the training, which is that of the state, on the active part of the grid. `searched` says whether
-/// that was searched for just now: then the state is kept, for it is known to have a surface, a finite loss and finite
-/// gradients.
+/// One step of the training, on the active part of the grid.
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`] if something is not finite or far away, [`ErrorKind::NoSurface`] if the surface is gone,
 /// [`ErrorKind::Cancelled`] if `stop` says so between two parts.
 pub(in crate::reconstruct) fn step(
-    at: &TrainStep<'_>,
+    setup: &Setup,
+    state: &State,
+    band: &ActiveBand,
     work: &mut Workspace,
-    searched: bool,
-    rate_factor: f32,
     stop: Stop<'_>,
 ) -> Result<Update, Error> {
+    let (_, step) = setup.config.phase_at(state.step);
+    let at = TrainStep::new(setup, state, band, step);
     let seen = at.seen();
     work.tape.clear();
     go_on(stop)?;
@@ -81,7 +81,7 @@ pub(in crate::reconstruct) fn step(
     let recorded = at.record(&sampled, &seen, work)?;
     go_on(stop)?;
     let (mut field, map) = at.gradients(&recorded, &sampled, &work.tape);
-    let config = &at.setup.config;
+    let config = &setup.config;
     let gradient_norm = match config.clip {
         None => gradient_norm(&field),
         Some(most) => clip_norm(&mut field, most),
@@ -96,20 +96,19 @@ pub(in crate::reconstruct) fn step(
     }
     Ok(Update {
         report: StepReport {
-            resolution: Some(at.band.resolution),
+            resolution: Some(band.resolution),
             loss,
             terms: recorded.terms,
-            field_rate: rate_factor * config.field_rate.rate_at(at.step, at.steps),
-            bsp_rate: rate_factor * config.bsp_rate.rate_at(at.step, at.steps),
+            field_rate: config.field_rate.rate_at(at.step, at.steps),
+            bsp_rate: config.bsp_rate.rate_at(at.step, at.steps),
             gradient_norm,
-            active_verts: at.band.verts.len(),
+            active_verts: band.verts.len(),
             surface_verts: work.iso.edges.len(),
             ..StepReport::default()
         },
         field: Some(field),
         map,
         part_of_s: recorded.surface.zip(seen.block).map(|(s, block)| (block, work.tape.value(s).to_points())),
-        keep: searched,
     })
 }
 
