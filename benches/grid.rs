@@ -2,7 +2,9 @@
 
 mod common;
 
-use bijective_sdf::geometry::{AnalyticShape, Isosurface, NarrowBandOptions, TetGrid, active_set, extract};
+use bijective_sdf::geometry::{
+    AnalyticShape, Isosurface, NarrowBandOptions, TetGrid, active_set, extract_mesh,
+};
 use criterion::{Criterion, criterion_group};
 
 const TORUS: AnalyticShape = AnalyticShape::Torus { major: 0.36, minor: 0.14 };
@@ -35,10 +37,10 @@ fn extraction(c: &mut Criterion) {
     for resolution in [64, 128, 256] {
         let grid = grid(resolution);
         c.bench_function(&format!("extract {resolution}"), |bench| {
-            bench.iter(|| extract(&grid, &mut eval, &NarrowBandOptions::default()).expect("a torus"));
+            bench.iter(|| extract_mesh(&grid, &mut eval, &NarrowBandOptions::default()).expect("a torus"));
         });
     }
-    let mesh = extract(&grid(128), &mut eval, &NarrowBandOptions::default()).expect("a torus");
+    let mesh = extract_mesh(&grid(128), &mut eval, &NarrowBandOptions::default()).expect("a torus");
     c.bench_function("mesh topology 128", |bench| bench.iter(|| mesh.topology()));
 }
 

@@ -5,7 +5,7 @@
 //! through the logarithms of the last four rows; where the rows before are flat, other costs outweigh what grows. A
 //! peak counts memory that rows before it gave back and the allocator still holds.
 
-use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract};
+use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract_mesh};
 use bijective_sdf::reconstruct::{Config, Phase, Stage, Trainer};
 use std::fs;
 use std::time::Instant;
@@ -92,7 +92,7 @@ fn grids() {
         };
         peak();
         let began = Instant::now();
-        let mesh = extract(&grid, &mut eval, &NarrowBandOptions::default()).expect("a torus");
+        let mesh = extract_mesh(&grid, &mut eval, &NarrowBandOptions::default()).expect("a torus");
         let time = began.elapsed().as_secs_f64() * 1e3;
         let row = vec![resolution as f64, time, asked as f64 / 1e3, mesh.faces.len() as f64 / 1e3, peak()];
         print(&row, 1);

@@ -2,7 +2,9 @@
 
 use bijective_sdf::bsp::{Coverage, Parameterization};
 use bijective_sdf::evaluate::{CompareOptions, GroundTruth, PointsReport, evaluate_points};
-use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, TriangleMesh, about, extract};
+use bijective_sdf::geometry::{
+    AnalyticShape, NarrowBandOptions, TetGrid, TriangleMesh, extract_mesh, relative_to,
+};
 use bijective_sdf::{Config, Preset, reconstruct};
 
 /// What S came to in a run, and how it and the points lie to the truth.
@@ -18,7 +20,7 @@ fn seen_after_training(shape: AnalyticShape, n: usize, config: &Config) -> Seen 
     let (points, _) = shape.sample(n, 1);
     let result = reconstruct(&points, config).unwrap();
     let truth = true_mesh(&shape);
-    let sets = [about(result.cloud(), [0.0; 3]), about(&result.surface_points(), [0.0; 3])];
+    let sets = [relative_to(result.cloud(), [0.0; 3]), relative_to(&result.surface_points(), [0.0; 3])];
     let sets: [&[[f32; 3]]; 2] = [&sets[0], &sets[1]];
     let reports = evaluate_points(GroundTruth::Mesh(&truth), &sets, &CompareOptions::shape()).unwrap();
     Seen { coverage: *result.coverage().expect("an S"), q: reports[0], s: reports[1] }
@@ -28,7 +30,7 @@ fn true_mesh(shape: &AnalyticShape) -> TriangleMesh {
     let (around, _) = shape.sample(2000, 2);
     let grid = TetGrid::covering([-1.0; 3], [1.0; 3], 64, 1).unwrap();
     let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-    extract(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around)).unwrap()
+    extract_mesh(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around)).unwrap()
 }
 
 /// `fast`, but with hardly a step of the field: S is what is looked at.

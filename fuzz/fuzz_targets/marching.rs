@@ -1,7 +1,7 @@
 //! Any signs on any small grid: the surface is closed and oriented, and both marching paths agree.
 #![no_main]
 
-use bijective_sdf::geometry::{BandTopology, Isosurface, TetGrid, TriangleMesh, interpolate, march};
+use bijective_sdf::geometry::{BandTopology, Isosurface, TetGrid, TriangleMesh, edge_crossings, march};
 use libfuzzer_sys::fuzz_target;
 
 fuzz_target!(|data: &[u8]| {
@@ -21,7 +21,7 @@ fuzz_target!(|data: &[u8]| {
     let mut again = Isosurface::default();
     BandTopology::new(inside.len(), tets).march_into(&inside, &mut again);
     assert_eq!(surface, again);
-    let verts = interpolate(&positions, &values, &surface.edges);
+    let verts = edge_crossings(&positions, &values, &surface.edges);
     let topology = TriangleMesh { verts, faces: surface.faces }.topology();
     assert!(topology.oriented && topology.closed == inside.contains(&true), "{topology}");
     assert_eq!((topology.degenerate_faces, topology.euler % 2), (0, 0), "{topology}");

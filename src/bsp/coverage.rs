@@ -19,7 +19,7 @@ const MAX_LOOKED_AT: usize = 4096;
 
 /// The codes of a whole cloud and of its patches, and the sphere that they are of.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Codes {
+pub struct SphereCodes {
     /// U(Q): the codes of the points on the unit sphere, n x 3.
     pub points: Vec<[f32; 3]>,
     /// P: the codes of the patches on the unit sphere, (n M) x 3, patch by patch, nearest first.
@@ -32,13 +32,13 @@ pub struct Codes {
 
 /// What a parameterization makes of a whole cloud.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Parameterized {
+pub struct ParameterizedSurface {
     /// The cloud Q, n x 3.
     pub points: Vec<[f32; 3]>,
     /// S, i x 3, in the frame of the cloud; with codes patch by patch, so that i = n M.
     pub surface: Vec<[f32; 3]>,
     /// The codes; none for maps other than [`Parameterization::Bsp`](super::Parameterization::Bsp).
-    pub codes: Option<Codes>,
+    pub codes: Option<SphereCodes>,
 }
 
 /// How well S covers the cloud and, by its codes, the sphere. Lengths are in the frame of the cloud: for the figures
@@ -105,7 +105,7 @@ impl CodeCoverage {
     }
 }
 
-impl Parameterized {
+impl ParameterizedSurface {
     /// How well S covers the cloud, and the codes the sphere. The same for any number of threads.
     ///
     /// # Errors
@@ -233,16 +233,16 @@ mod tests {
     use proptest::prelude::*;
 
     /// A cloud on a sphere of radius 0.5 whose codes are its directions: S and the patches are those of the definition.
-    fn spread(n: usize, patch: usize) -> Parameterized {
+    fn spread(n: usize, patch: usize) -> ParameterizedSurface {
         let directions = fibonacci_sphere(n);
         let sphere = fibonacci_sphere(n * patch);
         let index = KdTree::new(&sphere).k_nearest(&directions, patch);
         let patches: Vec<[f32; 3]> = index.iter().map(|&c| sphere[c as usize]).collect();
         let half = |p: &[f32; 3]| p.map(|x| 0.5 * x);
-        Parameterized {
+        ParameterizedSurface {
             points: directions.iter().map(half).collect(),
             surface: patches.iter().map(half).collect(),
-            codes: Some(Codes { points: directions, patches, index, sphere: n * patch }),
+            codes: Some(SphereCodes { points: directions, patches, index, sphere: n * patch }),
         }
     }
 
@@ -257,7 +257,7 @@ mod tests {
     }
 
     /// Everything by looking at all pairs.
-    fn twin(p: &Parameterized) -> Coverage {
+    fn twin(p: &ParameterizedSurface) -> Coverage {
         let d = |a: [f32; 3], b: [f32; 3]| (0..3).map(|k| f64::from(a[k] - b[k]).powi(2)).sum::<f64>().sqrt();
         let mean = |from: &[[f32; 3]], to: &[[f32; 3]]| {
             let nearest = |a: &[f32; 3]| to.iter().map(|b| d(*a, *b)).fold(f64::INFINITY, f64::min);
@@ -314,14 +314,14 @@ mod tests {
             let sphere = fibonacci_sphere(2 * n * patch);
             let index: Vec<u32> =
                 (0..n * patch).map(|i| (i as u64 * 7 % (2 * n * patch) as u64) as u32 / 3).collect();
-            let codes = Codes {
+            let codes = SphereCodes {
                 points: directions(n, seed ^ 2),
                 patches: index.iter().map(|&i| sphere[i as usize]).collect(),
                 index,
                 sphere: sphere.len(),
             };
             for codes in [None, Some(codes)] {
-                let p = Parameterized { points: points.clone(), surface: surface.clone(), codes };
+                let p = ParameterizedSurface { points: points.clone(), surface: surface.clone(), codes };
                 let (got, want) = (p.coverage().unwrap(), twin(&p));
                 prop_assert_eq!((got.points, got.surface, got.distinct), (n, n * patch, want.distinct));
                 prop_assert!(near(got.q_to_s, want.q_to_s) && near(got.s_to_q, want.s_to_q), "{:?} {:?}", got, want);
@@ -402,7 +402,7 @@ mod tests {
         let mut nan = good.clone();
         nan.codes.as_mut().unwrap().points[2] = [f32::INFINITY; 3];
         assert!(nan.coverage().unwrap_err().to_string().contains("codes of the points"));
-        let empty = Parameterized { surface: Vec::new(), codes: None, ..good };
+        let empty = ParameterizedSurface { surface: Vec::new(), codes: None, ..good };
         assert!(empty.coverage().unwrap_err().to_string().contains("empty"));
     }
 

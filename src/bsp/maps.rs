@@ -1,7 +1,7 @@
 //! The two maps Phi and Psi as one, with their parameters: from a cloud to codes, patches and the surface S.
 
 use super::layout::code_step;
-use super::{BspConfig, Canonical, Codes, Inverse, Neighbourhood, PatchSampler, chart};
+use super::{BspConfig, Canonical, Inverse, Neighbourhood, PatchSampler, SphereCodes, chart};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
 use crate::random::Random;
@@ -58,9 +58,9 @@ impl Bsp {
     }
 
     /// The codes of a whole cloud with their patches, from the codes of its points (n x 3, unit length).
-    pub(super) fn codes(&self, points: Vec<[f32; 3]>) -> Codes {
+    pub(super) fn codes(&self, points: Vec<[f32; 3]>) -> SphereCodes {
         let (patches, index) = self.sampler.patches(&points);
-        Codes { points, patches, index, sphere: self.sampler.sphere().len() }
+        SphereCodes { points, patches, index, sphere: self.sampler.sphere().len() }
     }
 
     /// The parameters of both maps.

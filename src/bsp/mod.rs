@@ -18,7 +18,7 @@ mod upsample;
 pub use atlas::Atlas;
 pub use canonical::Canonical;
 pub use config::BspConfig;
-pub use coverage::{CodeCoverage, Codes, Coverage, Parameterized, code_colour};
+pub use coverage::{CodeCoverage, Coverage, ParameterizedSurface, SphereCodes, code_colour};
 pub use inverse::Inverse;
 pub use maps::{Bsp, BspOutput};
 pub use neighbourhood::Neighbourhood;

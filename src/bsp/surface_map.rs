@@ -1,6 +1,6 @@
 //! [`SurfaceMap`]: one type for all parameterizations.
 
-use super::{Atlas, Bsp, BspConfig, Neighbourhood, Parameterized, Upsample};
+use super::{Atlas, Bsp, BspConfig, Neighbourhood, ParameterizedSurface, Upsample};
 use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
 use crate::random::Random;
@@ -176,13 +176,13 @@ impl SurfaceMap {
     }
 
     /// All of S for the cloud `points` (n x 3) with the codes that it comes from, block by block and without gradients.
-    pub fn parameterize(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> Parameterized {
+    pub fn parameterize(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> ParameterizedSurface {
         let (surface, codes) = self.forward_all(points, blocks);
         let codes = match self {
             SurfaceMap::Bsp(bsp) => Some(bsp.codes(codes)),
             SurfaceMap::Atlas(_) | SurfaceMap::Upsample(_) => None,
         };
-        Parameterized { points: points.to_vec(), surface, codes }
+        ParameterizedSurface { points: points.to_vec(), surface, codes }
     }
 
     /// S (i x 3) and the codes of the points (n x 3), which only BSP has; other maps leave them 0.

@@ -1,6 +1,6 @@
 //! Strays among the points, and what else makes a cloud doubtful: told always, strays removed as the user wants.
 
-use bijective_sdf::geometry::{CleanCloud, shortest};
+use bijective_sdf::geometry::{CleanCloud, format_shortest};
 use bijective_sdf::start::{Sampling, Suspicion, find_outliers};
 use clap::ValueEnum;
 
@@ -42,7 +42,7 @@ pub fn strays(points: &[[f64; 3]], outliers: Outliers) -> (Vec<u32>, Option<Stri
     if found.is_empty() {
         return (found, None);
     }
-    let place = |i: &u32| format!("({})", points[*i as usize].map(shortest).join(", "));
+    let place = |i: &u32| format!("({})", points[*i as usize].map(format_shortest).join(", "));
     let places: Vec<String> = found.iter().take(MAX_SHOWN).map(place).collect();
     let more = if found.len() > MAX_SHOWN { ", ..." } else { "" };
     let (what, advice) = match outliers {
@@ -92,7 +92,7 @@ pub fn doubts(clean: &CleanCloud, stretched: bool) -> Vec<String> {
         );
     }
     if let Some(uneven) = seen.uneven.filter(|_| !stretched) {
-        let factors = uneven.anisotropy.map(shortest).join(",");
+        let factors = uneven.anisotropy.map(format_shortest).join(",");
         told.push(format!(
             "the points lie on slices or lines {:.0} times as far apart as the points on them: --anisotropy {factors} \
              may join what comes out in parts or with holes",

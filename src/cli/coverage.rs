@@ -86,19 +86,19 @@ impl TruthCoverage {
 #[cfg(test)]
 pub mod tests {
     use super::*;
-    use bijective_sdf::bsp::{Codes, Parameterized};
+    use bijective_sdf::bsp::{ParameterizedSurface, SphereCodes};
 
     /// Round figures, with or without those of codes.
     pub fn some_coverage(with_codes: bool) -> Coverage {
         let points = vec![[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
         let surface = points.repeat(2);
-        let codes = with_codes.then(|| Codes {
+        let codes = with_codes.then(|| SphereCodes {
             points: points.clone(),
             patches: surface.clone(),
             index: vec![0, 1, 2, 3, 4, 5],
             sphere: 8,
         });
-        let mut coverage = Parameterized { points, surface, codes }.coverage().unwrap();
+        let mut coverage = ParameterizedSurface { points, surface, codes }.coverage().unwrap();
         (coverage.q_to_s, coverage.s_to_q) = (0.25, 0.5);
         if let Some(codes) = &mut coverage.codes {
             (codes.mean_code, codes.near_pairs, codes.folded_pairs) = (0.5, 0, 0);

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use bijective_sdf::evaluate::{CompareOptions, GroundTruth, evaluate, evaluate_points};
 use bijective_sdf::geometry::{
-    AnalyticShape, Bounds, NarrowBandOptions, TetGrid, TriangleMesh, about, extract, widened,
+    AnalyticShape, Bounds, NarrowBandOptions, TetGrid, TriangleMesh, extract_mesh, relative_to, widened,
 };
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::Hints;
@@ -85,11 +85,11 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     let mesh = trained.field.mesh(args.resolution)?;
     let topology = mesh.topology();
     let truth = true_mesh(&shape, config.seed)?;
-    let local = mesh.about([0.0; 3]);
+    let local = mesh.relative_to([0.0; 3]);
     let mut options = CompareOptions::shape();
     options.surface = true;
     let report = evaluate(GroundTruth::Mesh(&truth), &local, &options)?;
-    let s = about(&trained.field.surface_points(), [0.0; 3]);
+    let s = relative_to(&trained.field.surface_points(), [0.0; 3]);
     let sets = [&points[..], &s];
     let sets = if s.is_empty() { &sets[..1] } else { &sets };
     let covered = evaluate_points(GroundTruth::Mesh(&truth), sets, &CompareOptions::shape())?;
@@ -146,5 +146,5 @@ fn true_mesh(shape: &AnalyticShape, seed: u64) -> Result<TriangleMesh, Failure> 
     let (low, high) = (bounds.min.map(|x| (x - 0.02) as f32), bounds.max.map(|x| (x + 0.02) as f32));
     let grid = TetGrid::covering(low, high, TRUTH_RESOLUTION, 1)?;
     let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-    Ok(extract(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around))?)
+    Ok(extract_mesh(&grid, &mut sdf, &NarrowBandOptions::with_seeds(&around))?)
 }

@@ -206,10 +206,10 @@ fn compare(
     }
     // All sides about the offset of the truth, so that they stay where they are to each other.
     let offset = truth.offset();
-    let (truth, scan) = (truth.about(offset), scan.map(|scan| scan.about(offset)));
+    let (truth, scan) = (truth.relative_to(offset), scan.map(|scan| scan.relative_to(offset)));
     let report = evaluate_with_scan(
         truth.ground_truth(),
-        &mesh.about(offset),
+        &mesh.relative_to(offset),
         scan.as_ref().map(Local::ground_truth),
         options,
     )?;

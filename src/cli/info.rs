@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use bijective_sdf::evaluate::percentile;
 use bijective_sdf::geometry::{
-    Attribute, Bounds, CleanCloud, KdTree, Normalizer, Position, TriangleMesh, clean_cloud, shortest,
+    Attribute, Bounds, CleanCloud, KdTree, Normalizer, Position, TriangleMesh, clean_cloud, format_shortest,
 };
 use bijective_sdf::io::PointCloud;
 use bijective_sdf::reconstruct::{Saved, SavedKind};
@@ -153,7 +153,7 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
             text += &format!("left out    {}\n", cloud.left_out);
         }
         text += &bounds_text(low, high);
-        text += &format!("longest     {}\n", shortest(bounds.longest()));
+        text += &format!("longest     {}\n", format_shortest(bounds.longest()));
         if offset != [0.0; 3] {
             text += &format!(
                 "offset      {}, subtract it before storing the coordinates in 32 bits\n",
@@ -187,7 +187,7 @@ fn describe_cloud(cloud: &PointCloud, args: &InfoArgs, common: Common) -> Result
 /// A line about what a file has beside the coordinates, as `--carry` gives it to a mesh.
 fn attribute_text(attribute: &Attribute) -> String {
     let range = attribute.range().map_or("no values".to_string(), |[low, high]| {
-        format!("from {} to {}", shortest(low), shortest(high))
+        format!("from {} to {}", format_shortest(low), format_shortest(high))
     });
     let missing = match attribute.values.iter().filter(|x| x.is_nan()).count() {
         0 => String::new(),

@@ -5,7 +5,7 @@ use std::io::{self, Read};
 use std::path::Path;
 
 use bijective_sdf::evaluate::GroundTruth;
-use bijective_sdf::geometry::{Bounds, TriangleMesh, about};
+use bijective_sdf::geometry::{Bounds, TriangleMesh, relative_to};
 use bijective_sdf::io::{Format, PointCloud, ReadOptions, name_file, read_cloud_with, read_mesh_with};
 use bijective_sdf::reconstruct::Reconstruction;
 use bijective_sdf::{Error, ErrorKind};
@@ -102,11 +102,11 @@ impl Content {
     }
 
     /// The same in 32 bits, less an offset.
-    pub fn about(&self, offset: [f64; 3]) -> Local {
+    pub fn relative_to(&self, offset: [f64; 3]) -> Local {
         match self {
-            Content::Mesh(mesh) => Local::Mesh(mesh.about(offset)),
+            Content::Mesh(mesh) => Local::Mesh(mesh.relative_to(offset)),
             Content::Cloud(cloud) => {
-                Local::Cloud { points: about(&cloud.points, offset), normals: cloud.normals.clone() }
+                Local::Cloud { points: relative_to(&cloud.points, offset), normals: cloud.normals.clone() }
             }
         }
     }

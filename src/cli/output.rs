@@ -3,7 +3,7 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bijective_sdf::geometry::{Attribute, Bounds, TriangleMesh, about, widened};
+use bijective_sdf::geometry::{Attribute, Bounds, TriangleMesh, relative_to, widened};
 use bijective_sdf::io::{
     Encoding, Format, offset_left_out, write_atomic, write_cloud_to, write_mesh_with_to,
 };
@@ -93,7 +93,7 @@ impl Output {
 /// long.
 pub fn short_enough(points: &[[f64; 3]]) -> Vec<[f64; 3]> {
     match Bounds::of(points) {
-        Ok(bounds) if bounds.offset() == [0.0; 3] => widened(&about(points, [0.0; 3])),
+        Ok(bounds) if bounds.offset() == [0.0; 3] => widened(&relative_to(points, [0.0; 3])),
         _ => points.to_vec(),
     }
 }

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use bijective_sdf::evaluate::{Cell, CompareOptions, PointsReport, TextTable, evaluate_points};
-use bijective_sdf::geometry::about;
+use bijective_sdf::geometry::relative_to;
 
 use super::Common;
 use super::console::{print, say_all_but_last};
@@ -71,6 +71,6 @@ fn compare(files: &[PathBuf], options: &CompareOptions, common: Common) -> Resul
     let cloud = Input::read(&files[1], None)?.cloud()?;
     common.tell(&cloud.warnings, &[]);
     let offset = truth.offset();
-    let points = about(&cloud.points, offset);
-    Ok(evaluate_points(truth.about(offset).ground_truth(), &[&points], options)?[0])
+    let points = relative_to(&cloud.points, offset);
+    Ok(evaluate_points(truth.relative_to(offset).ground_truth(), &[&points], options)?[0])
 }

@@ -1,7 +1,7 @@
 //! Facts and figures as text and JSON, and the quality gate.
 
 use bijective_sdf::evaluate::{Column, Metrics, Report, Table};
-use bijective_sdf::geometry::{Topology, shortest, significant};
+use bijective_sdf::geometry::{Topology, format_shortest, format_significant};
 
 use super::failure::Failure;
 use super::json::{Object, list, number};
@@ -77,8 +77,8 @@ pub fn topology_text(t: &Topology) -> String {
         t.euler,
         yes(t.closed),
         yes(t.oriented),
-        significant(t.volume),
-        significant(t.area)
+        format_significant(t.volume),
+        format_significant(t.area)
     );
     if t.boundary_edges > 0 {
         let plural = if t.boundary_loops == 1 { "" } else { "s" };
@@ -104,12 +104,16 @@ pub fn topology_text(t: &Topology) -> String {
 
 /// An offset in words.
 pub fn offset_text(offset: [f64; 3]) -> String {
-    format!("({})", offset.map(shortest).join(", "))
+    format!("({})", offset.map(format_shortest).join(", "))
 }
 
 /// Two corners of a box in text.
 pub fn bounds_text(low: [f64; 3], high: [f64; 3]) -> String {
-    format!("from        {}\nto          {}\n", low.map(shortest).join(" "), high.map(shortest).join(" "))
+    format!(
+        "from        {}\nto          {}\n",
+        low.map(format_shortest).join(" "),
+        high.map(format_shortest).join(" ")
+    )
 }
 
 /// The key of a figure and the figure.

@@ -87,7 +87,7 @@ pub fn run(args: &SampleArgs, common: Common) -> Result<(), Failure> {
     check_apart("--output", &args.output, &args.mesh)?;
     let mesh = Input::read(&args.mesh, args.format)?.mesh()?;
     let offset = mesh.offset();
-    let mut points = sample_surface(&mesh.about(offset), args.count as usize, args.seed)?.points;
+    let mut points = sample_surface(&mesh.relative_to(offset), args.count as usize, args.seed)?.points;
     let deviation = match args.noise {
         Noise::Absolute(x) => x,
         Noise::Relative(part) => part * Bounds::of(&mesh.verts)?.longest(),

@@ -102,7 +102,7 @@ fn grid(args: &SdfArgs, cubes: usize, output: &Path, common: Common) -> Result<(
     common.note(&format!(
         "{x} x {y} x {z} values from {} in steps of {}",
         offset_text(grid.origin),
-        bijective_sdf::geometry::shortest(grid.spacing)
+        bijective_sdf::geometry::format_shortest(grid.spacing)
     ));
     Ok(())
 }

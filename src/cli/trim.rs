@@ -2,7 +2,7 @@
 
 use bijective_sdf::Error;
 use bijective_sdf::geometry::TriangleMesh;
-use bijective_sdf::scene::{TRIM_FACTOR, Trimmed, support, trim};
+use bijective_sdf::scene::{TRIM_FACTOR, Trimmed, point_support, trim};
 use clap::Args;
 
 use super::Common;
@@ -53,7 +53,7 @@ impl TrimArgs {
         if self.trim.is_none() && !self.support {
             return Ok(Part { mesh, cut: None, support: None });
         }
-        let near = support(&mesh.verts, points)?;
+        let near = point_support(&mesh.verts, points)?;
         let Some(factor) = self.trim else { return Ok(Part { mesh, cut: None, support: Some(near.gap) }) };
         let Trimmed { mesh, removed, gap, .. } = trim(&mesh, &near, factor);
         if mesh.faces.is_empty() {

@@ -1,7 +1,7 @@
 //! Figures as text.
 
 /// A figure with seven significant digits, with an exponent where it is very small or large.
-pub fn significant(x: f64) -> String {
+pub fn format_significant(x: f64) -> String {
     if x == 0.0 || !x.is_finite() {
         return format!("{x}");
     }
@@ -14,7 +14,7 @@ pub fn significant(x: f64) -> String {
 }
 
 /// The shortest digits of a coordinate: those of 32 bits where these hold it exactly.
-pub fn shortest(x: f64) -> String {
+pub fn format_shortest(x: f64) -> String {
     let narrow = x as f32;
     let small = x != 0.0 && !(1e-5..1e16).contains(&x.abs());
     match (f64::from(narrow) == x, small) {
@@ -41,7 +41,7 @@ mod tests {
             (0.0, "0"),
             (f64::NAN, "NaN"),
         ] {
-            assert_eq!(significant(x), text);
+            assert_eq!(format_significant(x), text);
         }
     }
 
@@ -56,7 +56,7 @@ mod tests {
             (f64::from(3e12f32), "3000000000000"),
             (0.0, "0"),
         ] {
-            assert_eq!(shortest(x), text);
+            assert_eq!(format_shortest(x), text);
         }
     }
 }

@@ -25,15 +25,15 @@ pub use bounds::{Bounds, Normalizer};
 pub use cloud::{CleanCloud, clean_cloud, distinct_places};
 pub(crate) use even::{evened, surface_spacing};
 pub use farthest::farthest_point_sample;
-pub use figures::{shortest, significant};
+pub use figures::{format_shortest, format_significant};
 pub use grid::{
-    ActiveSet, BandTopology, FieldFn, Isosurface, NarrowBandOptions, TetGrid, active_set, extract,
-    interpolate, march,
+    ActiveSet, BandTopology, FieldFn, Isosurface, NarrowBandOptions, TetGrid, active_set, edge_crossings,
+    extract_mesh, march,
 };
-pub(crate) use grid::{CellSizes, MARGIN, WORKING_CUBE, along, crossing_share, extract_graded};
+pub(crate) use grid::{CellSizes, MARGIN, WORKING_CUBE, along, crossing_share, extract_graded_mesh};
 pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_surface};
 pub(crate) use mesh::{connected, cumulative_areas};
-pub use position::{Position, about, are_f32, widened};
+pub use position::{Position, are_f32, relative_to, widened};
 pub(crate) use ranks::{median, quantile, ranked};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};

@@ -60,7 +60,7 @@ pub fn widened<P: Position>(points: &[P]) -> Vec<[f64; 3]> {
 }
 
 /// Positions (n x 3) less an offset, rounded to 32 bits once.
-pub fn about<P: Position>(points: &[P], offset: [f64; 3]) -> Vec<[f32; 3]> {
+pub fn relative_to<P: Position>(points: &[P], offset: [f64; 3]) -> Vec<[f32; 3]> {
     let local = |p: &P| {
         let p = p.wide();
         std::array::from_fn(|a| (p[a] - offset[a]) as f32)
@@ -85,6 +85,9 @@ mod tests {
         assert!(are_f32(&narrow) && are_f32(&wide) && !are_f32(&[[0.1, 0.0, 0.0]]));
         assert_eq!(<[f32; 3]>::of_wide(wide[0]), narrow[0]);
         // Digits that 32 bits lose at the place itself are there about an offset.
-        assert_eq!(about(&[[5_400_000.062_5, 0.0, 0.0]], [5_400_000.0, 0.0, 0.0]), [[0.0625, 0.0, 0.0]]);
+        assert_eq!(
+            relative_to(&[[5_400_000.062_5, 0.0, 0.0]], [5_400_000.0, 0.0, 0.0]),
+            [[0.0625, 0.0, 0.0]]
+        );
     }
 }

@@ -20,7 +20,7 @@ pub(super) fn write(
     colours: Option<&[[f32; 3]]>,
 ) -> io::Result<()> {
     let offset = mesh.offset();
-    let local = mesh.about(offset);
+    let local = mesh.relative_to(offset);
     let bounds = Bounds::of(&local.verts).map_err(io::Error::other)?;
     let numbers = |p: [f64; 3]| format!("[{:?},{:?},{:?}]", p[0] as f32, p[1] as f32, p[2] as f32);
     let (v, f) = (local.verts.len(), local.faces.len());

@@ -30,7 +30,7 @@
 use std::fs;
 use std::path::Path;
 
-use crate::geometry::{Attribute, TriangleMesh, shortest};
+use crate::geometry::{Attribute, TriangleMesh, format_shortest};
 use crate::{Error, ErrorKind};
 
 mod atomic;
@@ -186,7 +186,7 @@ pub fn read_cloud_with(bytes: &[u8], options: &ReadOptions) -> Result<PointCloud
 
 /// What to say of the places that points were seen from.
 fn seen_from(viewpoints: &[[f64; 3]]) -> Option<String> {
-    let name = |p: &[f64; 3]| p.map(shortest).join(",");
+    let name = |p: &[f64; 3]| p.map(format_shortest).join(",");
     match viewpoints {
         [] => None,
         [one] => Some(format!(

@@ -38,7 +38,7 @@ pub(super) fn write(
     mesh: &TriangleMesh<[f64; 3]>,
     encoding: Encoding,
 ) -> io::Result<()> {
-    let local = mesh.about(offset_left_out(mesh).unwrap_or_default());
+    let local = mesh.relative_to(offset_left_out(mesh).unwrap_or_default());
     match encoding {
         Encoding::Binary => write_binary(out, &local),
         Encoding::Ascii => write_ascii(out, &local),

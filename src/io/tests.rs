@@ -1,7 +1,7 @@
 //! What holds for every format: round trips, damage, the choice of the format.
 
 use super::*;
-use crate::geometry::about;
+use crate::geometry::relative_to;
 use proptest::prelude::*;
 
 const TETRAHEDRON: [[f32; 3]; 4] = [[0.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 0.25]];
@@ -290,11 +290,11 @@ proptest! {
         for format in [Format::Ply, Format::Xyz, Format::Csv] {
             for encoding in [Encoding::Binary, Encoding::Ascii] {
                 let cloud = read_cloud_with(&cloud_bytes(&points, format, encoding), &options(Some(format))).unwrap();
-                prop_assert_eq!(bits(&about(&cloud.points, [0.0; 3])), bits(&points), "{}", format);
+                prop_assert_eq!(bits(&relative_to(&cloud.points, [0.0; 3])), bits(&points), "{}", format);
             }
         }
         let cloud = read_cloud_with(&npy::tests::write(&points), &options(None)).unwrap();
-        prop_assert_eq!(bits(&about(&cloud.points, [0.0; 3])), bits(&points));
+        prop_assert_eq!(bits(&relative_to(&cloud.points, [0.0; 3])), bits(&points));
     }
 
     #[test]
@@ -307,11 +307,11 @@ proptest! {
         for encoding in [Encoding::Binary, Encoding::Ascii] {
             for format in [Format::Ply, Format::Obj] {
                 let back = read_mesh_bytes(&mesh_bytes(&mesh, format, encoding), Some(format)).unwrap();
-                prop_assert_eq!(bits(&back.about([0.0; 3]).verts), bits(&mesh.verts), "{}", format);
+                prop_assert_eq!(bits(&back.relative_to([0.0; 3]).verts), bits(&mesh.verts), "{}", format);
                 prop_assert_eq!(&back.faces, &mesh.faces, "{}", format);
             }
             let back = read_mesh_bytes(&mesh_bytes(&mesh, Format::Stl, encoding), Some(Format::Stl)).unwrap();
-            prop_assert_eq!(corners(&back.about([0.0; 3])), corners(&mesh));
+            prop_assert_eq!(corners(&back.relative_to([0.0; 3])), corners(&mesh));
         }
     }
 

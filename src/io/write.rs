@@ -268,7 +268,7 @@ pub(super) fn failed(e: io::Error) -> Error {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::about;
+    use crate::geometry::relative_to;
 
     fn mesh() -> TriangleMesh {
         TriangleMesh { verts: vec![[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]], faces: vec![[0, 1, 2]] }
@@ -312,7 +312,7 @@ mod tests {
             let mut out = Vec::new();
             write_coloured_cloud_to(&mut out, &points, &colours, encoding).unwrap();
             let read = crate::io::read_cloud_bytes(&out, None).unwrap();
-            assert_eq!(about(&read.points, [0.0; 3]), points);
+            assert_eq!(relative_to(&read.points, [0.0; 3]), points);
             assert!(read.notices[0].contains("red, green, blue"), "{:?}", read.notices);
             match encoding {
                 Encoding::Ascii => assert!(out.ends_with(b" 0 128 255\n0.001 0 7 13 10 32\n")),

@@ -127,7 +127,7 @@ struct Gap {
 mod tests {
     use super::super::tests::{at_training, poison, quick};
     use super::*;
-    use crate::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract, fibonacci_sphere};
+    use crate::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract_mesh, fibonacci_sphere};
     use crate::reconstruct::Trainer;
     use proptest::prelude::*;
 
@@ -144,7 +144,7 @@ mod tests {
         };
         let cloud: Vec<[f32; 3]> = balls.iter().flat_map(on).collect();
         let options = NarrowBandOptions { seeds: &cloud, ..Default::default() };
-        let mesh = extract(&grid, &mut eval, &options).unwrap();
+        let mesh = extract_mesh(&grid, &mut eval, &options).unwrap();
         assert_eq!(mesh.topology().components, balls.len());
         (mesh, cloud)
     }

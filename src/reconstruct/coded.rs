@@ -6,7 +6,7 @@ use super::phases::MAX_COORDINATE;
 use super::phases::train::TrainStep;
 use super::setup::Setup;
 use super::state::State;
-use crate::bsp::Parameterized;
+use crate::bsp::ParameterizedSurface;
 use crate::error::Error;
 use crate::geometry::nearest_points;
 
@@ -33,7 +33,7 @@ pub struct Coded {
 
 /// S and its codes by the parameters of a state, all in the working frame; `None` without a parameterization. If S is
 /// not finite, it is as last computed, without codes.
-pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<Parameterized> {
+pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<ParameterizedSurface> {
     let map = state.map.as_ref()?;
     // With all blocks by the same parameters; a large cloud's were computed at different steps.
     let all = map.parameterize(&setup.working, &setup.blocks);
@@ -42,12 +42,13 @@ pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<Parameterize
     if near(&all.surface) && all.codes.as_ref().is_none_or(|codes| near(&codes.points)) {
         return Some(all);
     }
-    Some(Parameterized { surface: state.surface.clone(), codes: None, ..all })
+    Some(ParameterizedSurface { surface: state.surface.clone(), codes: None, ..all })
 }
 
 /// Points, S and the vertices of the grid with their codes, by the parameters of a state; `None` without codes.
 pub(super) fn coded(setup: &Setup, state: &State) -> Result<Option<Coded>, Error> {
-    let Some(Parameterized { points, surface, codes: Some(codes) }) = parameterized(setup, state) else {
+    let Some(ParameterizedSurface { points, surface, codes: Some(codes) }) = parameterized(setup, state)
+    else {
         return Ok(None);
     };
     let step = match setup.config.phase_at(state.step) {

@@ -4,7 +4,7 @@ use super::{Config, Finishing};
 use crate::error::{Error, ErrorKind};
 use crate::field::Field;
 use crate::finish::{FINISHED_POINTS, Finish};
-use crate::geometry::{NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract};
+use crate::geometry::{NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract_mesh};
 use crate::start::COARSE;
 
 /// The signed distance that a run ends with, before the corrections of [`Finish`]; working frame.
@@ -91,7 +91,7 @@ pub(super) fn zero_level_set(
 ) -> Result<TriangleMesh, Error> {
     let grid = TetGrid::working_frame(resolution)?;
     let options = NarrowBandOptions { coarse_resolution: COARSE, seeds, ..Default::default() };
-    let mesh = extract(&grid, &mut |x: &[[f32; 3]]| Ok(sdf(x)), &options).map_err(|e| {
+    let mesh = extract_mesh(&grid, &mut |x: &[[f32; 3]]| Ok(sdf(x)), &options).map_err(|e| {
         if e.kind() == ErrorKind::NoSurface {
             return e.advise("raise the resolution, or train for more steps where anything is trained");
         }

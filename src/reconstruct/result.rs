@@ -9,7 +9,7 @@ use crate::error::Error;
 use crate::finish::Finish;
 use crate::geometry::vec3::length;
 use crate::geometry::{
-    Bounds, CellSizes, KdTree, Normalizer, Position, TriangleMesh, WORKING_CUBE, extract_graded,
+    Bounds, CellSizes, KdTree, Normalizer, Position, TriangleMesh, WORKING_CUBE, extract_graded_mesh,
 };
 use crate::io::GridValues;
 use rayon::prelude::*;
@@ -206,7 +206,7 @@ impl Reconstruction {
     pub fn graded_mesh(&self) -> Result<TriangleMesh<[f64; 3]>, Error> {
         let sizes = CellSizes::of_surface(&self.frame.forward(&self.cloud), CELLS_BETWEEN);
         let [low, side] = WORKING_CUBE;
-        let mesh = extract_graded([low; 3], side, &sizes, &mut |x| Ok(self.working_sdf(x)))?;
+        let mesh = extract_graded_mesh([low; 3], side, &sizes, &mut |x| Ok(self.working_sdf(x)))?;
         Ok(self.placed(mesh.keep_large(self.config.min_component)))
     }
 

@@ -4,5 +4,5 @@
 mod support;
 mod trim;
 
-pub use support::{Support, nearest_of, support};
+pub use support::{PointSupport, nearest_of, point_support};
 pub use trim::{TRIM_FACTOR, Trimmed, trim};

@@ -17,12 +17,12 @@ const CHUNK: usize = 256;
 
 /// How well points speak for m places: the larger the gap, the less.
 #[derive(Clone, Debug, Default, PartialEq)]
-pub struct Support {
+pub struct PointSupport {
     /// The distance from each place to the nearest point, over the surface spacing there (m): 0 at a point, without
     /// unit.
     /// Between the points of an evenly sampled surface it is at most about 0.7, between random ones rarely above 1.5.
     pub gap: Vec<f32>,
-    /// The surface spacing of the points there (m), in their unit; [`support`] says what that is.
+    /// The surface spacing of the points there (m), in their unit; [`point_support`] says what that is.
     pub surface_spacing: Vec<f32>,
 }
 
@@ -42,7 +42,7 @@ pub struct Support {
 /// # Panics
 /// If a place is not finite.
 #[track_caller]
-pub fn support<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<Support, Error> {
+pub fn point_support<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<PointSupport, Error> {
     // In the working frame, where squares neither overflow nor vanish.
     let frame = Normalizer::of(points)?;
     let (places, points) = (frame.forward(places), frame.forward(points));
@@ -60,14 +60,14 @@ pub fn support<P: Position, Q: Position>(places: &[P], points: &[Q]) -> Result<S
     };
     let each: Vec<Vec<(f32, f32)>> = places.par_chunks(CHUNK).map(chunk).collect();
     let (gap, surface_spacing) = each.into_iter().flatten().unzip();
-    Ok(Support { gap, surface_spacing })
+    Ok(PointSupport { gap, surface_spacing })
 }
 
 /// The number of the point nearest to each of `places` (m x 3, in the frame of `points`, n x 3): m; of several as near,
 /// the first.
 ///
 /// # Errors
-/// As [`support`].
+/// As [`point_support`].
 ///
 /// # Panics
 /// If a place is not finite.
@@ -120,7 +120,7 @@ mod tests {
             let mut all = spacing.clone();
             all.sort_by(f64::total_cmp);
             let most = 1.5 * all[(0.9 * (n - 1) as f64).ceil() as usize];
-            let got = support(&places, &points).unwrap();
+            let got = point_support(&places, &points).unwrap();
             let nearest = nearest_of(&places, &points).unwrap();
             prop_assert!(places.iter().zip(nearest).all(|(p, i)| sorted(p)[0].1 == i as usize));
             for (place, (got, wide)) in places.iter().zip(got.gap.iter().zip(&got.surface_spacing)) {
@@ -137,11 +137,11 @@ mod tests {
     #[test]
     fn an_evenly_sampled_surface_is_supported_and_what_leaves_it_is_not() {
         let sphere = fibonacci_sphere(500);
-        let between = support(&fibonacci_sphere(3001), &sphere).unwrap().gap;
+        let between = point_support(&fibonacci_sphere(3001), &sphere).unwrap().gap;
         assert!(between.iter().all(|&s| s < 1.0), "{between:?}");
         let off: Vec<_> = sphere.iter().map(|p| p.map(|x| 1.5 * x)).collect();
         // Half a radius off, over the side of a 500th of the sphere, 0.159.
-        let far = support(&off, &sphere).unwrap().gap;
+        let far = point_support(&off, &sphere).unwrap().gap;
         assert!(far.iter().all(|gap| (2.9..3.4).contains(gap)), "{far:?}");
     }
 
@@ -154,7 +154,7 @@ mod tests {
         points.extend(&scatter);
         // Half of the distance between points of the scatter off its points.
         let among: Vec<[f32; 3]> = scatter.iter().map(|p| [p[0] + 0.3, p[1], p[2]]).collect();
-        let gap = support(&among, &points).unwrap().gap;
+        let gap = point_support(&among, &points).unwrap().gap;
         assert!(gap.iter().filter(|&&gap| gap > 1.0).count() > 25, "{gap:?}");
     }
 
@@ -170,9 +170,9 @@ mod tests {
         };
         let points: Vec<[f32; 3]> = (4..14).flat_map(|i| ring(0.05 * i as f32, 0.004)).collect();
         let between: Vec<[f32; 3]> = (5..12).flat_map(|i| ring(0.05 * i as f32 + 0.025, 0.1)).collect();
-        let gap = support(&between, &points).unwrap().gap;
+        let gap = point_support(&between, &points).unwrap().gap;
         assert!(gap.iter().all(|&gap| gap < 1.0), "{gap:?}");
-        let beyond = support(&ring(0.8, 0.1).collect::<Vec<_>>(), &points).unwrap().gap;
+        let beyond = point_support(&ring(0.8, 0.1).collect::<Vec<_>>(), &points).unwrap().gap;
         assert!(beyond.iter().all(|&gap| gap > 1.5), "{beyond:?}");
     }
 
@@ -180,8 +180,8 @@ mod tests {
     fn points_in_one_place_have_a_finite_spacing() {
         let mut points = fibonacci_sphere(40);
         points.extend([points[3]; 60]);
-        assert!(support(&fibonacci_sphere(50), &points).unwrap().gap.iter().all(|s| s.is_finite()));
-        assert!(support(&points, &[[1.0; 3]]).is_err());
-        assert_eq!(support::<[f32; 3], _>(&[], &points).unwrap(), Support::default());
+        assert!(point_support(&fibonacci_sphere(50), &points).unwrap().gap.iter().all(|s| s.is_finite()));
+        assert!(point_support(&points, &[[1.0; 3]]).is_err());
+        assert_eq!(point_support::<[f32; 3], _>(&[], &points).unwrap(), PointSupport::default());
     }
 }

@@ -1,11 +1,11 @@
 //! A closed surface cut where no point speaks for it, along smooth lines.
 
-use super::Support;
+use super::PointSupport;
 use crate::geometry::vec3::triangle_area;
 use crate::geometry::{Position, TriangleMesh, connected};
 use std::collections::HashMap;
 
-/// The [`gap`](Support::gap) beyond which a surface is cut away, unless another one is asked for.
+/// The [`gap`](PointSupport::gap) beyond which a surface is cut away, unless another one is asked for.
 pub const TRIM_FACTOR: f32 = 1.0;
 /// A hole of less area than this many squares of the surface spacing is not cut: even random points leave such.
 const MIN_HOLE: f64 = 4.0;
@@ -22,7 +22,7 @@ const CUT_MARGIN: f32 = 1e-3;
 pub struct Trimmed<P = [f32; 3]> {
     /// What is left: the faces and vertices that are kept, in their order, and those along the cut.
     pub mesh: TriangleMesh<P>,
-    /// The [`gap`](Support::gap) of each vertex, v.
+    /// The [`gap`](PointSupport::gap) of each vertex, v.
     pub gap: Vec<f32>,
     /// The share of the area that was cut away, 0 to 1.
     pub removed: f64,
@@ -38,8 +38,8 @@ pub struct Trimmed<P = [f32; 3]> {
 /// # Panics
 /// If there is not one support a vertex, or a face names a vertex that is not there.
 #[track_caller]
-pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &Support, factor: f32) -> Trimmed<P> {
-    let Support { gap, surface_spacing: spacing } = support;
+pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &PointSupport, factor: f32) -> Trimmed<P> {
+    let PointSupport { gap, surface_spacing: spacing } = support;
     let v = mesh.verts.len();
     assert!(gap.len() == v && spacing.len() == v, "trim: {} supports, {v} vertices", gap.len());
     let mut squares = vertex_areas(mesh);
@@ -134,20 +134,20 @@ fn cut_share(kept: f32, dropped: f32, factor: f32) -> f32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract};
-    use crate::scene::support;
+    use crate::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract_mesh};
+    use crate::scene::point_support;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
     fn meshed(shape: AnalyticShape) -> TriangleMesh {
         let grid = TetGrid::working_frame(24).unwrap();
         let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(|&p| shape.sdf(p)).collect::<Vec<f32>>());
-        extract(&grid, &mut eval, &NarrowBandOptions::default()).unwrap()
+        extract_mesh(&grid, &mut eval, &NarrowBandOptions::default()).unwrap()
     }
 
     /// Points as far apart as a 60th of the side of the frame, with these gaps.
-    fn gaps(gap: Vec<f32>) -> Support {
-        Support { surface_spacing: vec![1.0 / 60.0; gap.len()], gap }
+    fn gaps(gap: Vec<f32>) -> PointSupport {
+        PointSupport { surface_spacing: vec![1.0 / 60.0; gap.len()], gap }
     }
 
     /// Each vertex of the boundary has one edge in and one out, so that the boundary is made of closed loops; no edge
@@ -216,9 +216,9 @@ mod tests {
         let near = meshed(AnalyticShape::Sphere { radius: 0.4 }).wide();
         let far = TriangleMesh { verts: near.verts.iter().map(moved).collect(), faces: near.faces.clone() };
         let points: Vec<[f64; 3]> = near.verts.iter().copied().filter(|p| p[2] < 0.1).collect();
-        let here = trim(&near, &support(&near.verts, &points).unwrap(), 2.0);
+        let here = trim(&near, &point_support(&near.verts, &points).unwrap(), 2.0);
         let points: Vec<[f64; 3]> = points.iter().map(moved).collect();
-        let there = trim(&far, &support(&far.verts, &points).unwrap(), 2.0);
+        let there = trim(&far, &point_support(&far.verts, &points).unwrap(), 2.0);
         assert!(here.removed > 0.1 && (here.removed - there.removed).abs() < 1e-6);
         assert_eq!(here.mesh.faces, there.mesh.faces);
         for (p, q) in here.mesh.verts.iter().map(moved).zip(&there.mesh.verts) {

@@ -4,7 +4,7 @@
 use super::{GaussField, USUAL_AREA, resolution_for_area};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{
-    NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract, nearest_points, sample_surface,
+    NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, extract_mesh, nearest_points, sample_surface,
 };
 use rayon::prelude::*;
 
@@ -63,7 +63,7 @@ pub fn gauss_shape(
     let surface = |resolution: usize| -> Result<TriangleMesh, Error> {
         let grid = TetGrid::working_frame(resolution)?;
         let options = NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
-        Ok(extract(&grid, &mut |x| Ok(gauss.value(x)), &options)?.keep_large(MIN_PART))
+        Ok(extract_mesh(&grid, &mut |x| Ok(gauss.value(x)), &options)?.keep_large(MIN_PART))
     };
     let usual = if points.len() <= FEW_POINTS { GAUSS_RESOLUTION } else { GAUSS_FINE_RESOLUTION };
     let found = surface(usual);

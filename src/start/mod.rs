@@ -30,4 +30,4 @@ pub(crate) use ramp::Ramp;
 pub(crate) use resolution::{USUAL_AREA, resolution_for_area};
 pub use sampling::Sampling;
 pub use sides::{behind_others, contradicting, facing};
-pub use uneven::Uneven;
+pub use uneven::AnisotropicSpacing;

@@ -5,8 +5,8 @@ use super::{LeastBending, Ramp};
 use crate::error::Error;
 use crate::geometry::vec3::dot;
 use crate::geometry::{
-    CellSizes, NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, WORKING_CUBE, extract, extract_graded,
-    nearest_points, neighbour_spacing,
+    CellSizes, NarrowBandOptions, TetGrid, TriangleBvh, TriangleMesh, WORKING_CUBE, extract_graded_mesh,
+    extract_mesh, nearest_points, neighbour_spacing,
 };
 use rayon::prelude::*;
 
@@ -86,11 +86,11 @@ pub fn plate_shapes(
                 let grid = TetGrid::working_frame(resolution)?;
                 let options =
                     NarrowBandOptions { coarse_resolution: COARSE, seeds: points, ..Default::default() };
-                extract(&grid, &mut eval, &options)?
+                extract_mesh(&grid, &mut eval, &options)?
             }
             LeastBending::Local(_) => {
                 let [low, side] = WORKING_CUBE;
-                extract_graded([low; 3], side, &CellSizes::of_surface(points, cells_between), &mut eval)?
+                extract_graded_mesh([low; 3], side, &CellSizes::of_surface(points, cells_between), &mut eval)?
             }
         };
         Ok(mesh.keep_large(MIN_PART))

@@ -1,6 +1,6 @@
 //! What kind of sampling points are: of a surface, of curves, of a volume, of parts far apart.
 
-use super::uneven::{Uneven, uneven};
+use super::uneven::{AnisotropicSpacing, uneven};
 use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, median};
 use nalgebra::Vector3;
 
@@ -22,7 +22,7 @@ pub struct Sampling {
     pub parts: Vec<usize>,
     /// If the points lie in slices across an axis, or on lines along one, that are more than five times as far apart as
     /// the points on them.
-    pub uneven: Option<Uneven>,
+    pub uneven: Option<AnisotropicSpacing>,
 }
 
 /// Neighbours that make a small neighbourhood, which curves are told by.

@@ -5,7 +5,7 @@ use crate::geometry::vec3::{length, sub};
 
 /// How unevenly points lie; see [`Sampling::uneven`](super::Sampling::uneven).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Uneven {
+pub struct AnisotropicSpacing {
     /// The gap between slices or lines, over the distance between neighbours on them.
     pub ratio: f64,
     /// Factors for the axes that make the points more even, as
@@ -24,7 +24,7 @@ const MIN_ALONG: f64 = 0.95;
 /// How unevenly points (n x 3), each with its `k` nearest in a row of `near` (itself first), lie in slices across an
 /// axis or on lines along one; `None` if they do not, or if these are not more than five times as far apart as the
 /// points on them.
-pub(super) fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven> {
+pub(super) fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<AnisotropicSpacing> {
     let ways: Vec<([f64; 3], f64)> = near
         .chunks_exact(k)
         .map(|row| {
@@ -50,11 +50,11 @@ pub(super) fn uneven(unit: &[[f32; 3]], near: &[u32], k: usize) -> Option<Uneven
     if let Some(line) = (0..3).find(|&a| cosines[a] > MIN_ALONG) {
         let ratio = (0..3).filter(|&a| a != line).find_map(|a| gap(a).filter(far))?;
         anisotropy[line] = UNEVEN;
-        return Some(Uneven { ratio, anisotropy });
+        return Some(AnisotropicSpacing { ratio, anisotropy });
     }
     let (axis, ratio) = slices?;
     anisotropy[axis] = 1.0 / UNEVEN;
-    Some(Uneven { ratio, anisotropy })
+    Some(AnisotropicSpacing { ratio, anisotropy })
 }
 
 #[cfg(test)]
@@ -63,7 +63,7 @@ mod tests {
     use crate::geometry::{AnalyticShape, KdTree};
     use std::f32::consts::TAU;
 
-    fn of(points: &[[f32; 3]]) -> Option<Uneven> {
+    fn of(points: &[[f32; 3]]) -> Option<AnisotropicSpacing> {
         uneven(points, &KdTree::new(points).k_nearest(points, 2), 2)
     }
 

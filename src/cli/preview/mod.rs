@@ -86,7 +86,7 @@ impl Scene {
     /// A picture of a mesh.
     pub fn mesh(&self, mesh: &TriangleMesh<[f64; 3]>) -> Image {
         let verts = self.frame.forward(&mesh.verts);
-        let normals = mesh.about(mesh.offset()).vertex_normals();
+        let normals = mesh.relative_to(mesh.offset()).vertex_normals();
         let mut buffer = Buffer::new(self.panel * SUPER);
         for &face in &mesh.faces {
             let corner = |i: usize| (verts[face[i] as usize], normals[face[i] as usize]);
@@ -111,7 +111,7 @@ fn seen(p: &[f32; 3]) -> bool {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract, widened};
+    use bijective_sdf::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract_mesh, widened};
 
     /// A smaller panel, for speed.
     const PANEL: usize = 120;
@@ -120,7 +120,7 @@ mod tests {
         let shape = AnalyticShape::Sphere { radius: 0.5 };
         let grid = TetGrid::covering([-0.6; 3], [0.6; 3], 24, 1).unwrap();
         let mut sdf = |p: &[[f32; 3]]| Ok(p.iter().map(|&p| shape.sdf(p)).collect());
-        let mesh = extract(&grid, &mut sdf, &NarrowBandOptions::default()).unwrap();
+        let mesh = extract_mesh(&grid, &mut sdf, &NarrowBandOptions::default()).unwrap();
         (widened(&shape.sample(200, 1).0), mesh.wide())
     }
 

@@ -10,7 +10,7 @@ use std::thread;
 use std::time::Instant;
 
 use bijective_sdf::evaluate::{CompareOptions, GroundTruth, Metrics, evaluate, evaluate_points};
-use bijective_sdf::geometry::{Bounds, Topology, about, sample_surface};
+use bijective_sdf::geometry::{Bounds, Topology, relative_to, sample_surface};
 use bijective_sdf::io::{write_cloud, write_mesh};
 use bijective_sdf::reconstruct::{Reconstruction, Trainer};
 use bijective_sdf::{Error, ErrorKind};
@@ -55,7 +55,7 @@ impl Truth {
     fn floor(&self, options: &CompareOptions) -> Result<Option<Metrics>, Error> {
         match &self.content {
             Content::Mesh(mesh) => {
-                let local = mesh.about(mesh.offset());
+                let local = mesh.relative_to(mesh.offset());
                 let mut options = *options;
                 options.floor = true;
                 Ok(evaluate(GroundTruth::Mesh(&local), &local, &options)?.floor)
@@ -77,7 +77,8 @@ pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f64; 3]>, 
         Some(count) => match truth.map(|t| &t.content) {
             Some(Content::Mesh(mesh)) => {
                 let offset = mesh.offset();
-                let drawn = sample_surface(&mesh.about(offset), count, INPUT_SEED.wrapping_add(job.seed))?;
+                let drawn =
+                    sample_surface(&mesh.relative_to(offset), count, INPUT_SEED.wrapping_add(job.seed))?;
                 added(&drawn.points, offset)
             }
             _ => {
@@ -99,7 +100,7 @@ pub fn points_of(job: &Job<'_>, truth: Option<&Truth>) -> Result<Vec<[f64; 3]>, 
         return Ok(points);
     }
     let offset = Bounds::of(&points)?.offset();
-    let mut local = about(&points, offset);
+    let mut local = relative_to(&points, offset);
     add_noise(&mut local, deviation, INPUT_SEED.wrapping_add(job.seed));
     Ok(added(&local, offset))
 }
@@ -228,11 +229,11 @@ impl Runner<'_> {
         }
         if let Some((truth, floor)) = truth {
             let offset = truth.content.offset();
-            let truth = truth.content.about(offset);
-            let mut report = evaluate(truth.ground_truth(), &mesh.about(offset), &options)?;
+            let truth = truth.content.relative_to(offset);
+            let mut report = evaluate(truth.ground_truth(), &mesh.relative_to(offset), &options)?;
             report.floor = *floor;
             outcome.report = Some(report);
-            let sets = [about(field.cloud(), offset), about(&surface, offset)];
+            let sets = [relative_to(field.cloud(), offset), relative_to(&surface, offset)];
             let sets = [&sets[0][..], &sets[1]];
             let sets = if surface.is_empty() { &sets[..1] } else { &sets };
             // With the floor, which is another for every number of points.
@@ -378,7 +379,7 @@ mod tests {
         assert_eq!(of(&many, 1), of(&many, 1));
         assert_ne!(of(&many, 1), of(&many, 2));
         for seed in 0..8 {
-            let drawn = sample_surface(&mesh.about([0.0; 3]), 50, seed).unwrap().points;
+            let drawn = sample_surface(&mesh.relative_to([0.0; 3]), 50, seed).unwrap().points;
             assert_ne!(of(&many, 0), added(&drawn, [0.0; 3]));
         }
         let (clean, moved) = (of(&many, 1), of(&noisy, 1));

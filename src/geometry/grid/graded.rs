@@ -7,7 +7,7 @@
 //! so slowly from place to place that no edge of a tetrahedron is halved before the longest one is. Neighbours
 //! therefore share whole faces, and the surface has no gaps where the cells change their size.
 
-use super::{FieldFn, Isosurface, interpolate, march};
+use super::{FieldFn, Isosurface, edge_crossings, march};
 use crate::error::{Error, ErrorKind};
 use crate::geometry::{PointTree, TriangleMesh, evened, neighbour_spacing};
 use rayon::prelude::*;
@@ -181,7 +181,7 @@ fn unpack(key: u64) -> [u32; 3] {
 /// # Panics
 /// If `eval` returns another number of values than it was given positions.
 #[track_caller]
-pub fn extract_graded(
+pub fn extract_graded_mesh(
     low: [f32; 3],
     side: f32,
     sizes: &CellSizes,
@@ -199,7 +199,7 @@ impl GradedGrid {
     /// at whose corners it is larger than so many of their longest edges.
     ///
     /// # Errors
-    /// As [`extract_graded`].
+    /// As [`extract_graded_mesh`].
     fn new(
         low: [f32; 3],
         side: f32,
@@ -279,7 +279,7 @@ impl GradedGrid {
                 .advise("check the field's sign and the grid's box"));
         }
         let Isosurface { edges, faces } = march(&self.tets, |v| self.values[v as usize] < 0.0);
-        Ok(TriangleMesh { verts: interpolate(&self.positions, &self.values, &edges), faces })
+        Ok(TriangleMesh { verts: edge_crossings(&self.positions, &self.values, &edges), faces })
     }
 }
 
@@ -328,7 +328,7 @@ mod tests {
         field: impl Fn([f32; 3]) -> f32,
     ) -> Result<TriangleMesh, Error> {
         let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(|&x| field(x)).collect());
-        extract_graded([-0.5; 3], 1.0, &CellSizes::near(points, sides), &mut eval)
+        extract_graded_mesh([-0.5; 3], 1.0, &CellSizes::near(points, sides), &mut eval)
     }
 
     fn ball(x: [f32; 3]) -> f32 {

@@ -11,8 +11,8 @@ mod tet_grid;
 
 pub use active_set::{ActiveSet, FieldFn};
 pub(crate) use crossing::{MARGIN, along, crossing_share};
-pub use graded::{CellSizes, extract_graded};
+pub use graded::{CellSizes, extract_graded_mesh};
 pub use marching::{BandTopology, Isosurface, march};
-pub use narrow_band::{NarrowBandOptions, active_set, extract, interpolate};
+pub use narrow_band::{NarrowBandOptions, active_set, edge_crossings, extract_mesh};
 pub use tet_grid::TetGrid;
 pub(crate) use tet_grid::WORKING_CUBE;

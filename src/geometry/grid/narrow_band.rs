@@ -60,7 +60,7 @@ impl Default for NarrowBandOptions<'_> {
 ///
 /// If `eval` returns another number of values than it was given positions.
 #[track_caller]
-pub fn extract(
+pub fn extract_mesh(
     grid: &TetGrid,
     eval: &mut FieldFn<'_>,
     options: &NarrowBandOptions<'_>,
@@ -69,16 +69,16 @@ pub fn extract(
     let cubes = std::mem::take(&mut level.mixed);
     let band = level.collect(&cubes, true);
     let Isosurface { edges, faces } = march(&band.tets, |v| band.values[v as usize] < 0.0);
-    Ok(TriangleMesh { verts: interpolate(&band.positions, &band.values, &edges), faces })
+    Ok(TriangleMesh { verts: edge_crossings(&band.positions, &band.values, &edges), faces })
 }
 
 /// The vertices and tetrahedra of all cubes with a sign change and of `rings` rings of cubes around them.
 ///
-/// The same search as [`extract`].
+/// The same search as [`extract_mesh`].
 ///
 /// # Errors
 ///
-/// As [`extract`].
+/// As [`extract_mesh`].
 ///
 /// # Panics
 ///
@@ -106,10 +106,10 @@ pub fn active_set(
 ///
 /// If positions and values differ in number, or an edge names a vertex that is not there.
 #[track_caller]
-pub fn interpolate(positions: &[[f32; 3]], values: &[f32], edges: &[[u32; 2]]) -> Vec<[f32; 3]> {
+pub fn edge_crossings(positions: &[[f32; 3]], values: &[f32], edges: &[[u32; 2]]) -> Vec<[f32; 3]> {
     assert!(
         positions.len() == values.len(),
-        "interpolate: {} positions but {} values",
+        "edge_crossings: {} positions but {} values",
         positions.len(),
         values.len()
     );
@@ -190,7 +190,7 @@ mod tests {
         };
         let values: Vec<f32> = ids.zip(&positions).map(|(v, &p)| raise(v, field(p))).collect();
         let surface = march(&grid.tets(), |v| values[v as usize] < 0.0);
-        let verts = interpolate(&positions, &values, &surface.edges);
+        let verts = edge_crossings(&positions, &values, &surface.edges);
         (values, TriangleMesh { verts, faces: surface.faces })
     }
 
@@ -201,7 +201,7 @@ mod tests {
             assert!(positions.iter().all(|p| asked.insert(p.map(f32::to_bits))), "sampled twice");
             Ok(positions.iter().map(|&p| field(p)).collect())
         };
-        extract(grid, &mut eval, &options)
+        extract_mesh(grid, &mut eval, &options)
     }
 
     fn triangles(mesh: &TriangleMesh) -> BTreeSet<[[u32; 3]; 3]> {
@@ -324,7 +324,7 @@ mod tests {
             let mut surface = Isosurface::default();
             let inside: Vec<_> = set.values.iter().map(|&v| v < 0.0).collect();
             set.topology().march_into(&inside, &mut surface);
-            let verts = interpolate(&set.positions, &set.values, &surface.edges);
+            let verts = edge_crossings(&set.positions, &set.values, &surface.edges);
             prop_assert_eq!(TriangleMesh { verts, faces: surface.faces }, mesh);
         }
     }
@@ -356,7 +356,7 @@ mod tests {
             samples += p.len();
             Ok(p.iter().map(|&p| field(p)).collect())
         };
-        let mesh = extract(&grid, &mut eval, &NarrowBandOptions::default()).unwrap();
+        let mesh = extract_mesh(&grid, &mut eval, &NarrowBandOptions::default()).unwrap();
         assert_eq!(mesh, dense(&grid, &field).1);
         assert_eq!(mesh.topology().genus, Some(1));
         assert!(samples < grid.vertex_count() / 6, "{samples} of {} vertices", grid.vertex_count());
@@ -405,16 +405,16 @@ mod tests {
         let error = sparse(&grid, &torus(), NarrowBandOptions { seeds: &seeds, ..usual }).unwrap_err();
         assert_eq!((error.kind(), error.element()), (ErrorKind::Data, Some("seed 1")));
         let mut refuse = |_: &[[f32; 3]]| Err(Error::new(ErrorKind::Cancelled, "stop"));
-        assert_eq!(extract(&grid, &mut refuse, &usual).unwrap_err().kind(), ErrorKind::Cancelled);
+        assert_eq!(extract_mesh(&grid, &mut refuse, &usual).unwrap_err().kind(), ErrorKind::Cancelled);
     }
 
     #[test]
     fn crossings_stay_off_the_vertices() {
         let positions = [[0.0; 3], [1.0, 2.0, -1.0], [0.0, 1.0, 0.0]];
         let values = [-1.0, 3.0, 0.0];
-        assert_eq!(interpolate(&positions, &values, &[[0, 1]]), [[0.25, 0.5, -0.25]]);
-        assert_eq!(interpolate(&positions, &values, &[[0, 2]]), [[0.0, 1.0 - 1e-4, 0.0]]);
-        assert_eq!(interpolate(&positions, &[f32::MIN, f32::MAX, 0.0], &[[0, 1]]), [[0.5, 1.0, -0.5]]);
-        assert!(interpolate(&[], &[], &[]).is_empty());
+        assert_eq!(edge_crossings(&positions, &values, &[[0, 1]]), [[0.25, 0.5, -0.25]]);
+        assert_eq!(edge_crossings(&positions, &values, &[[0, 2]]), [[0.0, 1.0 - 1e-4, 0.0]]);
+        assert_eq!(edge_crossings(&positions, &[f32::MIN, f32::MAX, 0.0], &[[0, 1]]), [[0.5, 1.0, -0.5]]);
+        assert!(edge_crossings(&[], &[], &[]).is_empty());
     }
 }

@@ -2,7 +2,7 @@
 
 use super::TriangleMesh;
 use crate::geometry::vec3::{dot, length, sub, triangle_normal};
-use crate::geometry::{Bounds, Position, about, are_f32};
+use crate::geometry::{Bounds, Position, are_f32, relative_to};
 
 /// What the volumes and areas of a mesh are computed from.
 pub(super) struct Measure {
@@ -19,7 +19,7 @@ pub(super) struct Measure {
 impl Measure {
     pub fn of<P: Position>(mesh: &TriangleMesh<P>) -> Self {
         let offset = if are_f32(&mesh.verts) { [0.0; 3] } else { mesh.offset() };
-        let verts = about(&mesh.verts, offset);
+        let verts = relative_to(&mesh.verts, offset);
         let box_corners = box_corners(&verts);
         let [lo, hi] = box_corners;
         let centre = std::array::from_fn(|a| 0.5 * (f64::from(lo[a]) + f64::from(hi[a])));

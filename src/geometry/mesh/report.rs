@@ -3,7 +3,7 @@
 use super::TriangleMesh;
 use super::measure::Measure;
 use super::parts::connected;
-use crate::geometry::{Position, shortest, significant};
+use crate::geometry::{Position, format_shortest, format_significant};
 use std::fmt;
 
 /// The report of [`TriangleMesh::topology`].
@@ -72,9 +72,9 @@ impl fmt::Display for Topology {
                 write!(f, ", {count} {what}")?;
             }
         }
-        write!(f, "; volume {}, area {}", significant(self.volume), significant(self.area))?;
+        write!(f, "; volume {}, area {}", format_significant(self.volume), format_significant(self.area))?;
         if let Some(corners) = self.bounds {
-            let [lo, hi] = corners.map(|c| c.map(shortest).join(", "));
+            let [lo, hi] = corners.map(|c| c.map(format_shortest).join(", "));
             write!(f, "; from [{lo}] to [{hi}]")?;
         }
         Ok(())
@@ -202,7 +202,7 @@ mod tests {
     use super::super::testing::{level_set, tetrahedron};
     use super::*;
     use crate::geometry::vec3::{dot, sub};
-    use crate::geometry::{TetGrid, interpolate, march};
+    use crate::geometry::{TetGrid, edge_crossings, march};
     use proptest::prelude::*;
     use std::collections::{BTreeMap, BTreeSet};
 
@@ -352,7 +352,7 @@ mod tests {
             let surface = march(&grid.tets(), |v| values[v as usize] < 0.0);
             let empty = surface.faces.is_empty();
             prop_assert_eq!(empty, values.iter().all(|&v| v >= 0.0));
-            let verts = interpolate(&positions, &values, &surface.edges);
+            let verts = edge_crossings(&positions, &values, &surface.edges);
             let t = TriangleMesh { verts, faces: surface.faces }.topology();
             prop_assert!(t.oriented && t.euler % 2 == 0 && t.unused_verts == 0);
             prop_assert!(empty || (t.closed && t.volume > 0.0 && t.genus.is_some_and(|g| g >= 0)));

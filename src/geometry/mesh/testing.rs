@@ -1,7 +1,7 @@
 //! Meshes that the tests of this room share.
 
 use super::TriangleMesh;
-use crate::geometry::{TetGrid, interpolate, march};
+use crate::geometry::{TetGrid, edge_crossings, march};
 
 pub(super) fn tetrahedron(at: f32) -> TriangleMesh {
     let verts = [[0.0; 3], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]];
@@ -26,5 +26,5 @@ pub(super) fn level_set(resolution: usize, field: impl Fn([f64; 3]) -> f64) -> T
     let positions: Vec<_> = (0..grid.vertex_count() as u32).map(|v| grid.position(v)).collect();
     let values: Vec<_> = positions.iter().map(|p| field(p.map(f64::from)) as f32).collect();
     let surface = march(&grid.tets(), |v| values[v as usize] < 0.0);
-    TriangleMesh { verts: interpolate(&positions, &values, &surface.edges), faces: surface.faces }
+    TriangleMesh { verts: edge_crossings(&positions, &values, &surface.edges), faces: surface.faces }
 }

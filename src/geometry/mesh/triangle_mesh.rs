@@ -1,12 +1,13 @@
 //! The indexed triangle mesh.
 
 use crate::geometry::vec3::{length, triangle_normal};
-use crate::geometry::{Bounds, Position, about, widened};
+use crate::geometry::{Bounds, Position, relative_to, widened};
 
 /// An indexed triangle mesh; counter-clockwise winding seen from outside.
 ///
 /// Meshes in the frame of a user have 64-bit vertices: `TriangleMesh<[f64; 3]>`. What is computed with is a mesh of 32
-/// bits, about an offset where the coordinates are large ([`offset`](Self::offset), [`about`](Self::about)).
+/// bits, less an offset where the coordinates are large ([`offset`](Self::offset),
+/// [`relative_to`](Self::relative_to)).
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct TriangleMesh<P = [f32; 3]> {
     /// Vertex positions, v x 3.
@@ -28,8 +29,8 @@ impl<P: Position> TriangleMesh<P> {
     }
 
     /// The mesh in 32 bits, less an offset.
-    pub fn about(&self, offset: [f64; 3]) -> TriangleMesh {
-        TriangleMesh { verts: about(&self.verts, offset), faces: self.faces.clone() }
+    pub fn relative_to(&self, offset: [f64; 3]) -> TriangleMesh {
+        TriangleMesh { verts: relative_to(&self.verts, offset), faces: self.faces.clone() }
     }
 
     /// Unit normals at the vertices, v x 3: the mean of the face normals around each, weighted by area.

@@ -94,7 +94,7 @@ fn ray_crossing(q: [f64; 3], corners: [[f64; 3]; 3]) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::geometry::{AnalyticShape, TetGrid, TriangleMesh, extract};
+    use crate::geometry::{AnalyticShape, TetGrid, TriangleMesh, extract_mesh};
     use rand::rngs::ChaCha8Rng;
     use rand::{RngExt, SeedableRng};
 
@@ -141,7 +141,7 @@ mod tests {
     fn meshed(shape: AnalyticShape, resolution: usize) -> TriangleMesh {
         let grid = TetGrid::working_frame(resolution).unwrap();
         let mut eval = |x: &[[f32; 3]]| Ok(x.iter().map(|&p| shape.sdf(p)).collect::<Vec<f32>>());
-        extract(&grid, &mut eval, &Default::default()).unwrap()
+        extract_mesh(&grid, &mut eval, &Default::default()).unwrap()
     }
 
     fn queries(n: usize, seed: u64) -> Vec<[f32; 3]> {
@@ -231,7 +231,7 @@ mod tests {
                 .map(|p| p.iter().fold(0.0f32, |m, c| m.max(c.abs())) - 0.375 - 1e-6)
                 .collect::<Vec<f32>>())
         };
-        let mesh = extract(&grid, &mut eval, &Default::default()).unwrap();
+        let mesh = extract_mesh(&grid, &mut eval, &Default::default()).unwrap();
         let tree = TriangleBvh::new(&mesh).unwrap();
         for q in queries(300, 8) {
             let want = naive(&mesh, q);

@@ -109,7 +109,7 @@ fn notices(header: &Header, want: Want) -> Vec<String> {
 mod tests {
     use super::super::encoding::Width;
     use super::*;
-    use crate::geometry::{about, widened};
+    use crate::geometry::{relative_to, widened};
     use ply_rs::parser::Parser;
     use ply_rs::ply::DefaultElement;
     use proptest::prelude::*;
@@ -307,7 +307,7 @@ mod tests {
                 let mut bytes = Vec::new();
                 write_encoded(&mut bytes, &widened(&verts), Width::Single, &[], Some(&faces), encoding).unwrap();
                 let loaded = read(&bytes, Want::Mesh).unwrap();
-                let read = about(&loaded.verts, [0.0; 3]);
+                let read = relative_to(&loaded.verts, [0.0; 3]);
                 prop_assert_eq!(bits(&read), bits(&verts));
                 prop_assert_eq!(&loaded.faces, &faces);
                 let ply = Parser::<DefaultElement>::new().read_ply(&mut bytes.as_slice()).unwrap();
