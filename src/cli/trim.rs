@@ -1,4 +1,4 @@
-//! `--trim`: the surface cut where no point speaks for it.
+//! `--trim`: the surface cut where no point supports it.
 
 use bijective_sdf::Error;
 use bijective_sdf::geometry::TriangleMesh;
@@ -12,14 +12,15 @@ use super::json::Object;
 /// Options that say which part of a surface is written.
 #[derive(Debug, Args)]
 pub struct TrimArgs {
-    /// Cut away what is farther from the nearest point than FACTOR times the surface spacing there (the side of the
-    /// square of surface that each point around stands for, or how far the lines of a scanner are apart), fill the
-    /// small holes that this leaves, and drop scraps; the mesh is open then [FACTOR if left out: 1]
+    /// Cut away what no point supports: what is farther from the nearest point on the same side of the surface than
+    /// FACTOR times the surface spacing there (the side of the square of surface that each point around stands for, or
+    /// how far the lines of a scanner are apart), and the rim left around the outermost points, but for 0.6 of that.
+    /// Small holes are not cut, scraps are dropped; the mesh is open then [FACTOR if left out: 1]
     #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = DEFAULT, value_parser = factor)]
     pub trim: Option<f32>,
-    /// Write how far each vertex is from the nearest point, over the surface spacing there, as the property
-    /// `support` of a ply mesh: 0 at a point, about 0.7 between evenly spread points, large where no point is near;
-    /// what --trim compares with FACTOR
+    /// Write how far each vertex is from the nearest point on the same side of the surface, over the surface spacing
+    /// there, as the property `support` of a ply mesh: 0 at a point, about 0.7 between evenly spread points, large
+    /// where no point is near; what --trim compares with FACTOR
     #[arg(long)]
     pub support: bool,
 }
@@ -53,7 +54,7 @@ impl TrimArgs {
         if self.trim.is_none() && !self.support {
             return Ok(Part { mesh, cut: None, support: None });
         }
-        let near = point_support(&mesh.verts, points)?;
+        let near = point_support(&mesh, points)?;
         let Some(factor) = self.trim else { return Ok(Part { mesh, cut: None, support: Some(near.gap) }) };
         let Trimmed { mesh, removed, gap, .. } = trim(&mesh, &near, factor);
         if mesh.faces.is_empty() {

@@ -1,17 +1,20 @@
-//! A closed surface cut where no point speaks for it, along smooth lines.
+//! A closed surface cut where no point supports it, along smooth lines.
 
 use super::PointSupport;
+use super::inset::distances_to_boundary;
 use crate::geometry::vec3::triangle_area;
 use crate::geometry::{Position, TriangleMesh, connected};
 use std::collections::HashMap;
 
 /// The [`gap`](PointSupport::gap) beyond which a surface is cut away, unless another one is asked for.
 pub const TRIM_FACTOR: f32 = 1.0;
+/// How far what is left may reach beyond its outermost points, as a share of the factor.
+const MAX_OVERHANG: f32 = 0.6;
 /// A hole of less area than this many squares of the surface spacing is not cut: even random points leave such.
 const MIN_HOLE: f64 = 4.0;
 /// What is left in a piece of less area than this, as many squares of the surface spacing, is dropped: some
-/// ten points.
-const MIN_PIECE: f64 = 10.0;
+/// five points.
+const MIN_PIECE: f64 = 5.0;
 /// A cut stays this share of an edge's length away from both of its ends, so that no triangle loses its area. It is
 /// more than the margin of the grid's crossings, as here triangles may be thin before they are cut.
 const CUT_MARGIN: f32 = 1e-3;
@@ -28,12 +31,16 @@ pub struct Trimmed<P = [f32; 3]> {
     pub removed: f64,
 }
 
-/// Cuts off `mesh` what has a gap above `factor`, given the `support` of its vertices (v).
+/// Cuts off `mesh` what `support`, the support of its vertices (v), says is unsupported.
 ///
-/// Faces that the limit runs through are cut along it, so that the boundary is a smooth line and not a saw. A hole
-/// below 4 squares of the surface spacing is not cut, and a piece below 10 is dropped. Where `mesh` is a manifold the
-/// result is one, its boundary made of closed loops; the orientation stays. Without a vertex beyond the factor it is
-/// `mesh` itself, but for pieces that are dropped.
+/// What has a gap above `factor` is unsupported, but for holes below 4 squares of the surface spacing. What is left
+/// then reaches beyond the outermost points by `factor` surface spacings, so the part within two fifths of `factor`
+/// of its boundary, measured along the surface in surface spacings, is cut off as well: a morphological closing, which
+/// bridges wide gaps between points and still ends near them. Pieces below 5 squares are dropped.
+///
+/// Faces that a limit runs through are cut along it, so that the boundary is a smooth line and not a saw. Where `mesh`
+/// is a manifold the result is one, its boundary made of closed loops; the orientation stays. Without an unsupported
+/// vertex the result is `mesh` itself, but for pieces that are dropped.
 ///
 /// # Panics
 /// If there is not one support a vertex, or a face names a vertex that is not there.
@@ -45,18 +52,32 @@ pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &PointSupport, factor:
     let mut squares = vertex_areas(mesh);
     squares.iter_mut().zip(spacing).for_each(|(area, &s)| *area /= f64::from(s) * f64::from(s));
     let mut kept: Vec<bool> = gap.iter().map(|&g| g <= factor).collect();
-    // Small holes are closed first: a piece may be large enough to stay once a hole in it is closed.
-    for (side, limit) in [(false, MIN_HOLE), (true, MIN_PIECE)] {
-        let parts = parts_of(mesh, &kept);
-        let mut size = vec![0.0; v];
-        parts.iter().zip(&squares).for_each(|(&part, area)| size[part as usize] += area);
-        for (kept, part) in kept.iter_mut().zip(parts) {
-            if *kept == side && size[part as usize] < limit {
-                *kept = !side;
-            }
+    turn_small_parts(mesh, &squares, &mut kept, false, MIN_HOLE);
+    let inset = factor * (1.0 - MAX_OVERHANG);
+    let to_boundary =
+        distances_to_boundary(mesh, spacing, &kept, inset, |v, w| cut_share(gap[v], gap[w], factor));
+    kept.iter_mut().zip(&to_boundary).for_each(|(kept, &d)| *kept = d > inset);
+    turn_small_parts(mesh, &squares, &mut kept, true, MIN_PIECE);
+    cut(mesh, gap, &kept, |v, w| cut_share(to_boundary[v], to_boundary[w], inset))
+}
+
+/// Turns every connected part of the vertices with `kept == side` (v) whose area is below `limit` to the other side.
+/// `squares` is the area around each vertex (v), in the unit of the limit.
+fn turn_small_parts<P: Position>(
+    mesh: &TriangleMesh<P>,
+    squares: &[f64],
+    kept: &mut [bool],
+    side: bool,
+    limit: f64,
+) {
+    let parts = parts_of(mesh, kept);
+    let mut size = vec![0.0; kept.len()];
+    parts.iter().zip(squares).for_each(|(&part, area)| size[part as usize] += area);
+    for (kept, part) in kept.iter_mut().zip(parts) {
+        if *kept == side && size[part as usize] < limit {
+            *kept = !side;
         }
     }
-    cut(mesh, gap, factor, &kept)
 }
 
 /// A third of the area of the faces around each vertex.
@@ -75,8 +96,14 @@ fn parts_of<P: Position>(mesh: &TriangleMesh<P>, kept: &[bool]) -> Vec<u32> {
     connected(kept.len(), edges.filter(|[v, w]| kept[*v as usize] == kept[*w as usize]))
 }
 
-/// The part of the mesh on the side of the vertices that are kept.
-fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bool]) -> Trimmed<P> {
+/// The part of the mesh on the side of the vertices that are kept. `share(v, w)` is where the edge from the kept
+/// vertex v to the dropped vertex w is cut, above 0 and below 1.
+fn cut<P: Position>(
+    mesh: &TriangleMesh<P>,
+    gap: &[f32],
+    kept: &[bool],
+    share: impl Fn(usize, usize) -> f32,
+) -> Trimmed<P> {
     let mut out = TriangleMesh { verts: mesh.verts.clone(), faces: Vec::new() };
     let mut values = gap.to_vec();
     let mut crossings: HashMap<[u32; 2], u32> = HashMap::new();
@@ -84,7 +111,7 @@ fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bo
     let mut between = |v: u32, w: u32, out: &mut TriangleMesh<P>| {
         *crossings.entry([v, w]).or_insert_with(|| {
             let (i, j) = (v as usize, w as usize);
-            let t = cut_share(gap[i], gap[j], factor);
+            let t = share(i, j);
             let (p, q) = (mesh.verts[i].wide(), mesh.verts[j].wide());
             out.verts.push(P::of_wide(std::array::from_fn(|k| p[k] + f64::from(t) * (q[k] - p[k]))));
             values.push(gap[i] + t * (gap[j] - gap[i]));
@@ -121,13 +148,13 @@ fn cut<P: Position>(mesh: &TriangleMesh<P>, gap: &[f32], factor: f32, kept: &[bo
     Trimmed { mesh: out, gap, removed: if whole > 0.0 { (1.0 - left / whole).clamp(0.0, 1.0) } else { 0.0 } }
 }
 
-/// Where the gap passes the factor on the way from a vertex that is kept to one that is not; the middle where it
-/// does not, because one of them is on its side for the sake of its neighbours.
+/// Where a value passes `limit` on the way from a vertex that is kept to one that is not, as a share of the edge; the
+/// middle where it does not pass it, because one of the two is on its side by the size of its part.
 ///
 /// Not the crossing of the grid's edges (`geometry::grid`): that one takes for granted that the ends differ in sign,
 /// and would put such a point at one of them.
-fn cut_share(kept: f32, dropped: f32, factor: f32) -> f32 {
-    let t = (factor - kept) / (dropped - kept);
+fn cut_share(kept: f32, dropped: f32, limit: f32) -> f32 {
+    let t = (limit - kept) / (dropped - kept);
     if (0.0..=1.0).contains(&t) { t.clamp(CUT_MARGIN, 1.0 - CUT_MARGIN) } else { 0.5 }
 }
 
@@ -136,6 +163,7 @@ mod tests {
     use super::*;
     use crate::geometry::{AnalyticShape, NarrowBandOptions, TetGrid, extract_mesh};
     use crate::scene::point_support;
+    use crate::scene::testing::sheet;
     use proptest::prelude::*;
     use std::collections::BTreeMap;
 
@@ -178,11 +206,31 @@ mod tests {
         let topology = mesh.topology();
         // A disc.
         assert_eq!((topology.components, topology.euler, topology.boundary_loops), (1, 1, 1));
-        // Of the height 0.8 of the sphere 0.5 is left, and area is as height.
+        // Of the height 0.8 of the sphere 0.5 is left less two fifths of half a spacing, and area is as height.
         assert!((removed - 0.375).abs() < 0.01, "{removed}");
-        assert!(gap.iter().all(|&g| g <= 0.5 + 1e-3));
+        // The cubes are some twelve times as large as the rim that is cut off.
+        assert!(gap.iter().all(|&g| g <= 0.5 + 2e-3));
         let onto = mesh.verts.iter().zip(&gap).map(|(p, g)| (p[2] + 0.4 - g).abs()).fold(0.0, f32::max);
         assert!(onto < 1e-6, "{onto}");
+    }
+
+    /// Points on a square lattice over the left half of a sheet: what is left bridges the lattice, and ends 0.6 of the
+    /// factor beyond its last column.
+    #[test]
+    fn what_is_left_ends_near_the_outermost_points() {
+        let sheet = sheet(0.0, false);
+        let points: Vec<[f32; 3]> =
+            (0..231).map(|i| [0.05 * (i / 21) as f32, 0.05 * (i % 21) as f32, 0.0]).collect();
+        for factor in [0.8, 1.0, 1.5] {
+            let support = point_support(&sheet, &points).unwrap();
+            let spacing = support.surface_spacing[50 * 101 + 50];
+            let trimmed = trim(&sheet, &support, factor).mesh;
+            assert_clean(&trimmed);
+            let right = trimmed.verts.iter().map(|p| p[0]).fold(0.0, f32::max);
+            let overhang = (right - 0.5) / (spacing * factor);
+            assert!((0.5..0.75).contains(&overhang), "{factor}: {overhang}");
+            assert_eq!(trimmed.topology().boundary_loops, 1);
+        }
     }
 
     #[test]
@@ -216,9 +264,9 @@ mod tests {
         let near = meshed(AnalyticShape::Sphere { radius: 0.4 }).wide();
         let far = TriangleMesh { verts: near.verts.iter().map(moved).collect(), faces: near.faces.clone() };
         let points: Vec<[f64; 3]> = near.verts.iter().copied().filter(|p| p[2] < 0.1).collect();
-        let here = trim(&near, &point_support(&near.verts, &points).unwrap(), 2.0);
+        let here = trim(&near, &point_support(&near, &points).unwrap(), 2.0);
         let points: Vec<[f64; 3]> = points.iter().map(moved).collect();
-        let there = trim(&far, &point_support(&far.verts, &points).unwrap(), 2.0);
+        let there = trim(&far, &point_support(&far, &points).unwrap(), 2.0);
         assert!(here.removed > 0.1 && (here.removed - there.removed).abs() < 1e-6);
         assert_eq!(here.mesh.faces, there.mesh.faces);
         for (p, q) in here.mesh.verts.iter().map(moved).zip(&there.mesh.verts) {
