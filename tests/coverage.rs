@@ -18,7 +18,7 @@ fn seen_after_training(shape: AnalyticShape, n: usize, config: &Config) -> Seen 
     let (points, _) = shape.sample(n, 1);
     let result = reconstruct(&points, config).unwrap();
     let truth = true_mesh(&shape);
-    let sets = [about(result.cloud(), [0.0; 3]), about(&result.surface_points(), [0.0; 3])];
+    let sets = [about(result.input_points(), [0.0; 3]), about(&result.surface_points(), [0.0; 3])];
     let sets: [&[[f32; 3]]; 2] = [&sets[0], &sets[1]];
     let reports = evaluate_points(GroundTruth::Mesh(&truth), &sets, &CompareOptions::shape()).unwrap();
     Seen { coverage: *result.coverage().expect("an S"), q: reports[0], s: reports[1] }

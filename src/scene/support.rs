@@ -1,4 +1,4 @@
-//! How well the points of a cloud speak for a place.
+//! How well points support a place, as evidence that a surface passes there.
 
 use crate::error::Error;
 use crate::geometry::vec3::distance;

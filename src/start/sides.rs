@@ -1,5 +1,5 @@
-//! Which side of the surface is outside, where somebody knows: normals that contradict each other, and normals that
-//! face the place from which the points were seen.
+//! Which side of the surface is outside, where normals or the scanner's place are given: normals that contradict each
+//! other, and normals that face the place from which the points were seen.
 
 use crate::geometry::vec3::{distance, dot, sub, unit_vector, wide};
 use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, neighbour_spacing};

@@ -232,7 +232,7 @@ impl Runner<'_> {
             let mut report = evaluate(truth.ground_truth(), &mesh.about(offset), &options)?;
             report.floor = *floor;
             outcome.report = Some(report);
-            let sets = [about(field.cloud(), offset), about(&surface, offset)];
+            let sets = [about(field.input_points(), offset), about(&surface, offset)];
             let sets = [&sets[0][..], &sets[1]];
             let sets = if surface.is_empty() { &sets[..1] } else { &sets };
             // With the floor, which is another for every number of points.

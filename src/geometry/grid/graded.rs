@@ -311,7 +311,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::HashMap;
 
-    /// A cloud with dense heaps in a sparse scatter, and the sides of the cells there, from 0.3 down to 0.3 / 2^7.
+    /// Points with dense heaps in a sparse scatter, and the sides of the cells there, from 0.3 down to 0.3 / 2^7.
     fn heaps() -> impl Strategy<Value = (Vec<[f32; 3]>, Vec<f64>)> {
         let point = (prop::array::uniform3(-0.6f32..0.6), 0.0f64..7.0);
         prop::collection::vec(point, 1..12)
