@@ -34,9 +34,9 @@
 //!   input's frame and unit, however large the coordinates are. All work in between happens, in 32 bits, in the
 //!   *working frame*, where the bounding box of the input points is centred at the origin and its longest side is 1
 //!   ([`geometry::Normalizer`]). Lengths in [`Config`] are in the working frame.
-//! - **Points.** The *input points* are those that the caller passes, made distinct and sorted, in the input's frame (the
-//!   program leaves strays out before). The *working points* are the input points in the working frame, made even if
-//!   they lie on scan lines, and thinned if there are many. The *denoised points* are the working points without the
+//! - **Points.** The *input points* are those that the caller passes, made distinct and sorted, in the input's frame
+//!   (the program leaves strays out before). The *working points* are the input points in the working frame, made even
+//!   if they lie on scan lines, and thinned if there are many. The *denoised points* are the working points without the
 //!   noise that was found, or the same if none was; they are the paper's Q, for which S and the field are trained. A
 //!   *cloud* is what a file holds.
 //! - **Sign.** The field is negative inside.

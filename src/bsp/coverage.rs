@@ -118,7 +118,7 @@ impl Parameterized {
     #[track_caller]
     pub fn coverage(&self) -> Result<Coverage, Error> {
         let (n, i) = (self.points.len(), self.surface.len());
-        check("the points Q", &self.points)?;
+        check("the set of points Q", &self.points)?;
         check("the parameterized surface", &self.surface)?;
         let codes = match &self.codes {
             None => None,

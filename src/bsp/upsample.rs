@@ -184,7 +184,7 @@ mod tests {
             directions in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 40),
         ) {
             let up = Upsample::new(&points, patch);
-            // As many neighbours as have so many pairs.
+            // The number of neighbours that have at least `patch` pairs.
             let k = (2..).find(|k| k * (k - 1) / 2 >= patch).unwrap();
             for (i, patch) in up.points.chunks(patch).enumerate() {
                 let mut hull = others(&points, i);

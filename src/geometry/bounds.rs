@@ -66,8 +66,8 @@ impl Bounds {
     }
 }
 
-/// Coordinates up to so many longest sides away from the origin keep their detail in 32 bits: they are rounded by less
-/// than 3e-7 of the longest side.
+/// Coordinates up to this many longest sides away from the origin keep their detail in 32 bits: they are rounded by
+/// less than 3e-7 of the longest side.
 const MAX_SIDES_AWAY: f64 = 4.0;
 
 /// [`Normalizer::place`] rounds to the longest side, or the next power of two above it, divided by this.

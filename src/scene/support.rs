@@ -15,7 +15,7 @@ const MAX_EXCESS: f64 = 1.5;
 /// Places that one thread works on at a time.
 const CHUNK: usize = 256;
 
-/// How well points speak for m places: the larger the gap, the less.
+/// How well points support m places: the larger the gap, the less.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Support {
     /// The distance from each place to the nearest point, over the surface spacing there (m): 0 at a point, without
@@ -145,7 +145,7 @@ mod tests {
         assert!(far.iter().all(|gap| (2.9..3.4).contains(gap)), "{far:?}");
     }
 
-    /// A scatter beside a surface, each point of it far from all others, does not speak for what is among it.
+    /// A scatter beside a surface, each point of it far from all others, does not support the places among its points.
     #[test]
     fn a_scatter_is_no_surface() {
         let mut points = fibonacci_sphere(500);

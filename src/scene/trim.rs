@@ -1,11 +1,11 @@
-//! A closed surface cut where no point speaks for it, along smooth lines.
+//! A closed surface cut, along smooth lines, where no point is near enough to support it.
 
 use super::Support;
 use crate::geometry::vec3::triangle_area;
 use crate::geometry::{Position, TriangleMesh, connected};
 use std::collections::HashMap;
 
-/// The [`gap`](Support::gap) beyond which a surface is cut away, unless another one is asked for.
+/// The [`gap`](Support::gap) beyond which a surface is cut away by default.
 pub const TRIM_FACTOR: f32 = 1.0;
 /// A hole of less area than this many squares of the surface spacing is not cut: even random points leave such.
 const MIN_HOLE: f64 = 4.0;

@@ -23,8 +23,8 @@ const POINTS_SERVED: f64 = 1200.0;
 pub(crate) const COARSE: usize = 16;
 /// Samples of a surface over which its mean distance to the points is taken.
 const MISFIT_SAMPLES: usize = 4096;
-/// Weight of the distance from the points to the surface beside that from the surface to the points; 2 to 8 choose
-/// about alike.
+/// Weight of the distance from the points to the surface, where that from the surface to the points has weight 1;
+/// weights of 2 to 8 choose about the same surfaces.
 const MISFIT_OF_POINTS: f64 = 4.0;
 /// Parts of a first shape below this share of the largest one's area are left out.
 pub(super) const MIN_PART: f64 = 0.02;
@@ -42,7 +42,7 @@ pub(super) fn fine_enough(usual: usize, area: f64, n: usize) -> usize {
 
 /// The surface that the parametric Gauss formula finds among `points` (n x 3, working frame), without its small parts;
 /// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more, and from a finer one if it has little
-/// area for so many points ([`resolution_for_area`]).
+/// area for the number of points ([`resolution_for_area`]).
 ///
 /// `radius`, `regularity` and `seed` are those of [`GaussField::fit`]; with `normals` (n x 3) it is the surface of
 /// [`GaussField::of_normals`].

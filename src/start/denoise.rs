@@ -145,8 +145,8 @@ fn on_surface(system: &System, points: &[[f32; 3]], centres: &[[f64; 3]], gradie
 }
 
 /// The standard deviation of the noise that a smoothing parameter stands for: a value of variance `smoothing` for a
-/// plate of unit amplitude, times the amplitude that its forecasts speak for. That is taken from their median, for
-/// edges, too, are foreseen badly.
+/// plate of unit amplitude, times the amplitude estimated from its forecasts: from the median of their squared errors,
+/// because points at edges are predicted badly even without noise.
 fn noise(smoothing: f64, forecasts: &[Forecast]) -> f64 {
     let squares: Vec<f64> = forecasts.iter().map(|f| f.error.powi(2) / f.variance).collect();
     let amplitude = median(squares) / MEDIAN_SQUARE;

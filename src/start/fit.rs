@@ -21,7 +21,7 @@ const MIN_SPREAD: f64 = 0.25;
 /// Half the side of the cube that the points far from the mesh are drawn from (working frame; the input reaches to
 /// 0.5).
 const BOX: f32 = 0.6;
-/// Weight of |grad g - n|^2 beside |g - d|.
+/// Weight of |grad g - n|^2, where |g - d| has weight 1.
 const NORMAL_WEIGHT: f32 = 0.01;
 
 /// The regression of a field to the signed distance of a closed mesh, step by step.

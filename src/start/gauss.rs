@@ -184,8 +184,8 @@ struct Areas {
 }
 
 impl Areas {
-    /// Of `points` (n x 3): squares of their neighbour `spacing` (n), which is first averaged over so many nearest
-    /// points, itself among them. All alike if the points all coincide.
+    /// Of `points` (n x 3): squares of their neighbour `spacing` (n), which is first averaged over the `averaged`
+    /// nearest points, itself among them. All alike if the points all coincide.
     fn of(points: &[[f32; 3]], spacing: &[f64], averaged: usize) -> Self {
         let mean = spacing.iter().sum::<f64>() / spacing.len() as f64;
         if mean <= 0.0 {

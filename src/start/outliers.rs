@@ -164,7 +164,7 @@ mod tests {
         let numbers: Vec<u32> = (300..310).collect();
         assert_eq!(find_outliers(&with(&points, &strays[..2]), Suspicion::Low), numbers[..2]);
         assert_eq!(find_outliers(&with(&points, &strays), Suspicion::Low), numbers);
-        // One so far away that the others are a speck beside it.
+        // One so far away that the extent of the others is negligible against its distance.
         let mut far = with(&points, &strays[..2]);
         far.insert(0, [1e6, 1e6, 0.0]);
         assert_eq!(find_outliers(&far, Suspicion::Low), [0, 301, 302]);

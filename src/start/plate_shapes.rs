@@ -33,8 +33,8 @@ const CELLS_BETWEEN_MANY: f64 = 1.5;
 /// where these are given, not zero and on the same side.
 ///
 /// The surface of one plate is taken from a grid of 64 cubes a side, or a finer one where the rough one has little area
-/// for so many points ([`resolution_for_area`](super::resolution_for_area)); that of several from cells as fine as the
-/// points.
+/// for the number of points ([`resolution_for_area`](super::resolution_for_area)); that of several from cells as fine
+/// as the points.
 ///
 /// # Errors
 /// As [`LeastBending::fit_each`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:

@@ -72,7 +72,7 @@ impl CellSizes {
         CellSizes { classes: classes.map(|(log, tree)| (log.exp2(), tree)).collect() }
     }
 
-    /// The sizes for a surface through `points` (n x 3, working frame): so many `cells` in a neighbour spacing.
+    /// The sizes for a surface through `points` (n x 3, working frame): `cells` cells in a neighbour spacing.
     ///
     /// Points on lines that lie far from each other count as the means of [`evened`] that stand for them.
     ///
@@ -196,7 +196,7 @@ pub fn extract_graded(
 
 impl GradedGrid {
     /// The grid of a cube. With a field, only the tetrahedra that its surface crosses, found without looking into those
-    /// at whose corners it is larger than so many of their longest edges.
+    /// at whose corners it is larger than the factor that comes with the field times their longest edge.
     ///
     /// # Errors
     /// As [`extract_graded`].

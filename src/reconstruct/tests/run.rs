@@ -93,10 +93,10 @@ fn the_callback_hears_of_recoveries() {
                 recovered.push(step);
             }
             Event::Step(report) => {
-                // The step that is told after a recovery is the one that it went on with.
-                let told: Option<&usize> = recovered.last();
+                // The first step reported after a recovery is the one that the run went on with.
+                let resumed: Option<&usize> = recovered.last();
                 if last.is_some_and(|before| report.recoveries > before) {
-                    assert_eq!(told, Some(&report.step));
+                    assert_eq!(resumed, Some(&report.step));
                 }
                 last = Some(report.recoveries);
             }
