@@ -99,6 +99,6 @@ pub fn reconstruct_with<P: Position>(
             return Ok(Outcome::Stopped(Box::new(trainer)));
         }
     }
-    // The field is corrected at the points, where it should be 0 (`finish`).
+    // The field is corrected at the denoised points, where it should be 0 (`finish`).
     Ok(Outcome::Done(Box::new(trainer.finish())))
 }
