@@ -3,7 +3,7 @@
 //! A few hundred points on a surface, without normals, become a continuous signed distance field and a watertight
 //! mesh. The method is bijective surface parameterization with grid deformation optimization (CVPR 2025): a map to the
 //! unit sphere and back makes a denser surface S of the points, and a small network g learns the field by moving the
-//! vertices of a tetrahedral grid onto S. Everything is trained for the one cloud at hand; there is no training data.
+//! vertices of a tetrahedral grid onto S. Everything is trained for the one cloud given; there is no training data.
 //!
 //! ```
 //! use bijective_sdf::geometry::AnalyticShape;
@@ -17,7 +17,7 @@
 //! config.stages = vec![Stage { resolution: 16, steps: 40 }];
 //! config.start.steps = 100;
 //!
-//! // `reconstruct_with` tells of its progress and can be stopped.
+//! // `reconstruct_with` reports its progress and can be stopped.
 //! let result = reconstruct(&points, &config)?;
 //!
 //! let sdf = result.sdf(&[[0.0, 0.0, 0.0], [3.0, 0.0, 0.0]]);
@@ -32,12 +32,17 @@
 //!
 //! - **Frame.** Points go in, of 32 or 64 bits ([`geometry::Position`]), and meshes and distances come out in the
 //!   input's frame and unit, however large the coordinates are. All work in between happens, in 32 bits, in the
-//!   *working frame*, where the cloud's bounding box is centred at the origin and its longest side is 1
+//!   *working frame*, where the bounding box of the input points is centred at the origin and its longest side is 1
 //!   ([`geometry::Normalizer`]). Lengths in [`Config`] are in the working frame.
+//! - **Points.** The *input points* are those that the caller passes, made distinct and sorted, in the input's frame
+//!   (the program leaves strays out before). The *working points* are the input points in the working frame, made even
+//!   if they lie on scan lines, and thinned if there are many. The *denoised points* are the working points without the
+//!   noise that was found, or the same if none was; they are the paper's Q, for which S and the field are trained. A
+//!   *cloud* is what a file holds.
 //! - **Sign.** The field is negative inside.
 //! - **Winding.** Faces run counter-clockwise seen from outside, so a closed mesh has a positive volume.
-//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes or places that are asked
-//!   about, k neighbours, c channels, h heads, v vertices, e edges, t tetrahedra, f faces; b centres of a block, i
+//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes or places to evaluate
+//!   at, k neighbours, c channels, h heads, v vertices, e edges, t tetrahedra, f faces; b centres of a block, i
 //!   points of S. Tensors are row-major.
 //! - **Randomness.** The seed is part of the options. The same input, seed and options give the same bytes for any
 //!   number of threads on one machine.

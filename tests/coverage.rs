@@ -20,7 +20,8 @@ fn seen_after_training(shape: AnalyticShape, n: usize, config: &Config) -> Seen 
     let (points, _) = shape.sample(n, 1);
     let result = reconstruct(&points, config).unwrap();
     let truth = true_mesh(&shape);
-    let sets = [relative_to(result.cloud(), [0.0; 3]), relative_to(&result.surface_points(), [0.0; 3])];
+    let sets =
+        [relative_to(result.input_points(), [0.0; 3]), relative_to(&result.surface_points(), [0.0; 3])];
     let sets: [&[[f32; 3]]; 2] = [&sets[0], &sets[1]];
     let reports = evaluate_points(GroundTruth::Mesh(&truth), &sets, &CompareOptions::shape()).unwrap();
     Seen { coverage: *result.coverage().expect("an S"), q: reports[0], s: reports[1] }

@@ -17,8 +17,8 @@ fn a_field_of_version_2_is_read() {
     assert_eq!(result.notices(), [""; 0]);
     let config = result.config();
     assert_eq!((config.seed, config.field.width, config.stages[0].resolution), (5, 8, 12));
-    assert_eq!((result.cloud().len(), result.surface_points().len()), (40, 80));
-    assert_eq!(result.cloud()[0].map(|x| x as f32), [10.66661, -4.0, 1.95]);
+    assert_eq!((result.input_points().len(), result.surface_points().len()), (40, 80));
+    assert_eq!(result.input_points()[0].map(|x| x as f32), [10.66661, -4.0, 1.95]);
     let points = [[10.0f32, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -1.0, 0.0], [10.5, -4.0, 4.0]];
     // Instruction sets round the network's sums differently.
     for (found, stored) in
@@ -37,8 +37,8 @@ fn a_field_of_version_2_is_read() {
 fn a_finished_field_of_version_5_is_read() {
     let result = Reconstruction::load(kept("field_5.safetensors")).unwrap();
     assert_eq!(result.notices(), [""; 0]);
-    assert_eq!((result.cloud().len(), result.surface_points().len()), (40, 80));
-    assert_eq!(result.cloud()[0], [500007.0261, 5399996.082, 300.25]);
+    assert_eq!((result.input_points().len(), result.surface_points().len()), (40, 80));
+    assert_eq!(result.input_points()[0], [500007.0261, 5399996.082, 300.25]);
     let at = |x: f64, y: f64, z: f64| [500010.0 + x, 5399996.0 + y, 300.0 + z];
     let points = [at(0.0, 0.0, 0.0), at(3.0, 0.0, 0.0), at(0.0, 3.0, 0.0), at(0.5, 0.0, 4.0)];
     let stored = [-1.467876716, 0.003366380, 1.104347435, 2.088042975];
@@ -53,7 +53,7 @@ fn a_finished_field_of_version_5_is_read() {
 /// The run of the field above, saved after 334 of its 355 steps.
 #[test]
 fn a_checkpoint_of_version_6_goes_on() {
-    let points = Reconstruction::load(kept("field_5.safetensors")).unwrap().cloud().to_vec();
+    let points = Reconstruction::load(kept("field_5.safetensors")).unwrap().input_points().to_vec();
     let file = kept("checkpoint_6.safetensors");
     let saved = Saved::from_bytes(&std::fs::read(&file).unwrap()).unwrap();
     assert!(saved.version == 6 && matches!(saved.kind, SavedKind::Checkpoint { step: 334, .. }));

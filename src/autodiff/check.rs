@@ -85,7 +85,7 @@ impl std::error::Error for Failure {}
 /// a kink, so that nothing was learnt about it.
 ///
 /// # Panics
-/// If `f` fails on the shapes, or no directions are asked for.
+/// If `f` fails on the shapes, or the number of directions is 0.
 ///
 /// ```
 /// use bijective_sdf::autodiff::check;

@@ -1,4 +1,4 @@
-//! Global parametric maps, to compare BSP with: perceptrons that know nothing of the points but the loss.
+//! Global parametric maps, to compare BSP with: perceptrons that depend on the points through the loss only.
 
 use crate::autodiff::{Tape, Var};
 use crate::geometry::fibonacci_sphere;

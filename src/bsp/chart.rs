@@ -1,4 +1,4 @@
-//! Charts: around every point of the cloud, a piece of a curved surface through it, seen from its code on the sphere.
+//! Charts: around every point of Q, a piece of a curved surface through it, seen from its code on the sphere.
 //!
 //! They give Psi something to start from that fills the gaps between points: the patch of codes around a point's code
 //! becomes a disc around the point, as large as its share of the surface, in the plane of its normal (that of the first
@@ -15,7 +15,7 @@ use std::sync::Arc;
 
 /// The number of neighbours that a chart is fitted to.
 pub(super) const FITTED: usize = 12;
-/// The neighbour whose distance tells a point's share of the surface.
+/// The neighbour whose distance is the measure of a point's share of the surface.
 const SHARE_NEIGHBOUR: usize = 8;
 /// Radius of a disc, in radii of a circle with the point's share of the surface: a little more, so that discs overlap.
 const OVERLAP: f64 = 1.1;
@@ -177,7 +177,7 @@ fn span(n: Vector3<f64>) -> (Vector3<f64>, Vector3<f64>) {
     (t1, n.cross(&t1))
 }
 
-/// The charts of all points of a cloud with their codes (n x 3); `near` lists for each point k others from near to far
+/// The charts of all `points` (n x 3) with their codes (n x 3); `near` lists for each point k others from near to far
 /// (n k), and possibly itself, which is left out.
 pub(super) fn charts(
     points: &[[f32; 3]],
@@ -247,7 +247,7 @@ mod tests {
     use crate::ops::testing::{check, normal};
     use proptest::prelude::*;
 
-    /// Charts of a cloud that is its own layout.
+    /// Charts of points that are their own layout.
     fn of_sphere(n: usize, radius: f32) -> (Vec<[f32; 3]>, Vec<Chart>, f32) {
         let codes = fibonacci_sphere(n);
         let points: Vec<[f32; 3]> = codes.iter().map(|u| u.map(|x| radius * x)).collect();
@@ -317,11 +317,11 @@ mod tests {
         #![proptest_config(ProptestConfig::with_cases(24))]
         #[test]
         fn gradients(seed: u64, patch in 1usize..4) {
-            let cloud = normal(&[14, 3], seed).to_points();
+            let points = normal(&[14, 3], seed).to_points();
             let codes = fibonacci_sphere(14);
-            let near = KdTree::new(&cloud).k_nearest(&cloud, FITTED);
+            let near = KdTree::new(&points).k_nearest(&points, FITTED);
             let config = super::super::config::tests::small(None, false);
-            let charts: Arc<[Chart]> = charts(&cloud, &codes, None, &near, &config)[..5].into();
+            let charts: Arc<[Chart]> = charts(&points, &codes, None, &near, &config)[..5].into();
             let p = normal(&[5 * patch, 3], seed ^ 1);
             check(|t, x| place(t, x[0], &charts, patch), &[p], seed);
         }

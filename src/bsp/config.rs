@@ -29,12 +29,12 @@ pub struct BspConfig {
     /// point's share of the surface, in the plane of its normal and bent as its neighbours lie. Needs `layout`, and
     /// takes the place of `average_positions`. Default false; the preset `paper` has true (`benches/paper.md`).
     pub charts: bool,
-    /// Points of S nearer to the cloud than this share of their chart's radius add nothing to L_para, so that S can be
+    /// Points of S nearer to Q than this share of their chart's radius add nothing to L_para, so that S can be
     /// a surface through the points without lying on them everywhere. Has no effect without `charts`. Default 0; the
     /// preset `paper` has 1 (`benches/paper.md`).
     pub slack: f32,
-    /// Weight of the turn of the normal in the distance that neighbours are chosen by, where the cloud has normals
-    /// (from the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the distance from p to
+    /// Weight of the turn of the normal in the distance that neighbours are chosen by, where Q has normals (from
+    /// the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the distance from p to
     /// its sixth nearest point. It keeps S from bridging sheets that lie close together. 0 is the distance in space, as
     /// in the paper. Default 1.5.
     pub normal_weight: f32,
@@ -60,7 +60,7 @@ impl Default for BspConfig {
 }
 
 impl BspConfig {
-    /// Codes on the whole sphere for a cloud of n points.
+    /// Codes on the whole sphere for n points.
     pub fn codes(&self, n: usize) -> usize {
         let codes = (f64::from(self.code_density) * n as f64 * self.patch as f64).ceil() as usize;
         codes.clamp(self.patch, MAX_CODES.max(self.patch))

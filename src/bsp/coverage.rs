@@ -1,8 +1,8 @@
 //! Figures of a parameterization: how evenly its codes fill the sphere, and how well S fills the gaps between points.
 //!
-//! The distance from S to anything says little of it, because it improves as S collapses onto the points. These
-//! measures see a collapse: of the codes (they lie in one spot), of the points (S is few distinct places), and of the
-//! map (far codes in one place).
+//! The distance from S to Q or to the true surface is no good measure of S: it falls as S collapses onto the points.
+//! These measures show a collapse: of the codes (they lie in one spot), of the points (S is few distinct places), and
+//! of the map (far codes in one place).
 
 use crate::error::{Error, ErrorKind};
 use crate::geometry::vec3::{distance_sq, length};
@@ -17,7 +17,8 @@ const FAR_RADII: f64 = 5.0;
 /// About the most points of S whose near pairs are counted; of a larger S every second, third, ... point is taken.
 const MAX_LOOKED_AT: usize = 4096;
 
-/// The codes of a whole cloud and of its patches, and the sphere that they are of.
+/// The codes of all points of Q and of their patches, and the number of codes of the sphere that patches are taken
+/// from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SphereCodes {
     /// U(Q): the codes of the points on the unit sphere, n x 3.
@@ -30,18 +31,18 @@ pub struct SphereCodes {
     pub sphere: usize,
 }
 
-/// What a parameterization makes of a whole cloud.
+/// The points Q with the S that a parameterization makes of them, and its codes.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ParameterizedSurface {
-    /// The cloud Q, n x 3.
+    /// The points Q, n x 3.
     pub points: Vec<[f32; 3]>,
-    /// S, i x 3, in the frame of the cloud; with codes patch by patch, so that i = n M.
+    /// S, i x 3, in the frame of Q; with codes patch by patch, so that i = n M.
     pub surface: Vec<[f32; 3]>,
     /// The codes; none for maps other than [`Parameterization::Bsp`](super::Parameterization::Bsp).
     pub codes: Option<SphereCodes>,
 }
 
-/// How well S covers the cloud and, by its codes, the sphere. Lengths are in the frame of the cloud: for the figures
+/// How well S covers Q and, by its codes, the sphere. Lengths are in the frame of Q: for the figures
 /// of a run that is the working frame, in which the longest side of the input is 1.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
@@ -106,7 +107,7 @@ impl CodeCoverage {
 }
 
 impl ParameterizedSurface {
-    /// How well S covers the cloud, and the codes the sphere. The same for any number of threads.
+    /// How well S covers Q, and the codes the sphere. The same for any number of threads.
     ///
     /// # Errors
     /// [`ErrorKind::Data`] if Q or S is empty, or a coordinate of either, or of a code, is not finite or beyond 1e18.
@@ -117,7 +118,7 @@ impl ParameterizedSurface {
     #[track_caller]
     pub fn coverage(&self) -> Result<Coverage, Error> {
         let (n, i) = (self.points.len(), self.surface.len());
-        check("the cloud", &self.points)?;
+        check("the set of points Q", &self.points)?;
         check("the parameterized surface", &self.surface)?;
         let codes = match &self.codes {
             None => None,
@@ -232,7 +233,7 @@ mod tests {
     use crate::ops::testing::normal;
     use proptest::prelude::*;
 
-    /// A cloud on a sphere of radius 0.5 whose codes are its directions: S and the patches are those of the definition.
+    /// Points on a sphere of radius 0.5 whose codes are its directions: S and the patches are those of the definition.
     fn spread(n: usize, patch: usize) -> ParameterizedSurface {
         let directions = fibonacci_sphere(n);
         let sphere = fibonacci_sphere(n * patch);

@@ -6,15 +6,15 @@ use crate::geometry::nearest_distances;
 use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
 use crate::random::Random;
 
-/// How far an output of 1 moves a point of S from its chart, in mean nearest distances of the cloud: means
-/// over the points of the distance to the nearest other one.
+/// How far an output of 1 moves a point of S from its chart, in mean nearest distances of Q: means
+/// over its points of the distance to the nearest other one.
 const CHART_OFFSET: f32 = 0.1;
 
 /// s = Psi(phi(features), p): a decoder block whose queries are embedded codes and whose memory is the features of
 /// all points (equation 2 of the paper), then a perceptron to space.
 ///
 /// With `average_positions`, s is the average of the attended points' positions under the attention's own weights,
-/// plus the perceptron's output times the mean nearest distance of the cloud: the surface starts among the points
+/// plus the perceptron's output times the mean nearest distance of Q: the surface starts among the points
 /// instead of anywhere. With charts, s is the place of p in the chart of its patch's centre, plus a tenth of that
 /// offset.
 ///
@@ -30,12 +30,12 @@ pub struct Inverse {
     out: Mlp,
     patch: usize,
     average_positions: bool,
-    /// The mean distance from a point of the cloud to its nearest other one, working frame.
+    /// The mean distance from a point of Q to its nearest other one, working frame.
     mean_nearest: f32,
 }
 
 impl Inverse {
-    /// A map for the cloud `points`, which give the scale of the offsets.
+    /// A map for Q, `points` (n x 3, working frame), which give the scale of the offsets.
     ///
     /// # Panics
     /// If the channels are odd or not a multiple of the heads.

@@ -137,7 +137,7 @@ mod tests {
         (gaps.iter().sum::<f32>() / gaps.len() as f32, gaps.iter().copied().fold(f32::MAX, f32::min))
     }
 
-    fn clouds() -> Vec<(&'static str, Vec<[f32; 3]>)> {
+    fn samples() -> Vec<(&'static str, Vec<[f32; 3]>)> {
         let rod: Vec<[f32; 3]> =
             normal(&[200, 3], 4).to_points().iter().map(|p| [p[0], 0.02 * p[1], 0.01 * p[2]]).collect();
         vec![
@@ -150,9 +150,9 @@ mod tests {
     }
 
     #[test]
-    fn codes_fill_the_sphere_evenly_whatever_the_cloud() {
-        for (name, cloud) in clouds() {
-            let (codes, _) = laid_out(&cloud, 8);
+    fn codes_fill_the_sphere_evenly_whatever_the_points() {
+        for (name, points) in samples() {
+            let (codes, _) = laid_out(&points, 8);
             assert!(codes.iter().all(|&u| (length(u) - 1.0).abs() < 1e-5), "{name}");
             let mean: [f32; 3] =
                 std::array::from_fn(|d| codes.iter().map(|u| u[d]).sum::<f32>() / codes.len() as f32);
@@ -168,8 +168,8 @@ mod tests {
     #[test]
     fn neighbours_stay_together() {
         // The ball fills space, which no layout on a sphere can keep.
-        for (name, cloud) in clouds().into_iter().filter(|(name, _)| ["torus", "plane"].contains(name)) {
-            let (codes, neighbours) = laid_out(&cloud, 8);
+        for (name, points) in samples().into_iter().filter(|(name, _)| ["torus", "plane"].contains(name)) {
+            let (codes, neighbours) = laid_out(&points, 8);
             let apart = |i: usize, j: usize| -> f32 {
                 length(std::array::from_fn(|d| codes[i][d] - codes[j][d])) / hexagonal_spacing(codes.len())
             };
@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn small_clouds_have_codes() {
+    fn few_points_have_codes() {
         assert!(spherical_layout(&[], &[]).is_empty());
         assert!((length(spherical_layout(&[[3.0, 1.0, 2.0]], &[0])[0]) - 1.0).abs() < 1e-5);
         let (two, _) = laid_out(&[[0.0; 3], [1.0, 0.0, 0.0]], 8);
@@ -194,10 +194,10 @@ mod tests {
 
     #[test]
     fn the_same_for_any_number_of_threads() {
-        let cloud = normal(&[150, 3], 6).to_points();
+        let points = normal(&[150, 3], 6).to_points();
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| laid_out(&cloud, 8).0)
+            pool.install(|| laid_out(&points, 8).0)
         };
         assert_eq!(run(1), run(3));
     }

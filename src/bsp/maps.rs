@@ -1,4 +1,4 @@
-//! The two maps Phi and Psi as one, with their parameters: from a cloud to codes, patches and the surface S.
+//! The two maps Phi and Psi as one, with their parameters: from the points Q to codes, patches and the surface S.
 
 use super::layout::code_step;
 use super::{BspConfig, Canonical, Inverse, Neighbourhood, PatchSampler, SphereCodes, chart};
@@ -6,7 +6,7 @@ use crate::autodiff::{Tape, Var};
 use crate::nn::{Bound, Params};
 use crate::random::Random;
 
-/// The two maps with their parameters, for one cloud.
+/// The two maps with their parameters, for one set of points Q.
 #[derive(Clone, Debug)]
 pub struct Bsp {
     config: BspConfig,
@@ -31,10 +31,10 @@ pub struct BspOutput {
 }
 
 impl Bsp {
-    /// Maps for the cloud Q, `points` (n x 3, working frame).
+    /// Maps for the points Q, `points` (n x 3, working frame).
     ///
     /// # Panics
-    /// If the cloud is empty, or the channels are not a multiple of the heads.
+    /// If there are no points, or the channels are not a multiple of the heads.
     #[track_caller]
     pub fn new(config: BspConfig, points: &[[f32; 3]], rng: &mut Random) -> Self {
         let n = points.len();
@@ -57,7 +57,7 @@ impl Bsp {
         &self.config
     }
 
-    /// The codes of a whole cloud with their patches, from the codes of its points (n x 3, unit length).
+    /// The codes of all points (n x 3, unit length) with their patches.
     pub(super) fn codes(&self, points: Vec<[f32; 3]>) -> SphereCodes {
         let (patches, index) = self.sampler.patches(&points);
         SphereCodes { points, patches, index, sphere: self.sampler.sphere().len() }
@@ -100,8 +100,8 @@ mod tests {
 
     #[test]
     fn gradients_reach_every_parameter_in_every_form() {
-        let cloud = normal(&[9, 3], 5);
-        let points = cloud.to_points();
+        let q = normal(&[9, 3], 5);
+        let points = q.to_points();
         for (reach, average, charts) in [
             (None, false, false),
             (None, true, false),
@@ -118,13 +118,13 @@ mod tests {
             let steps = {
                 let mut t = Tape::new();
                 let p = bsp.params.bind(&mut t, false);
-                let q = t.constant(cloud.clone());
+                let q = t.constant(q.clone());
                 let out = bsp.forward(&mut t, &p, q, &whole);
                 bsp.sampler.steps(&t.value(out.codes).to_points())
             };
             let forward = |t: &mut Tape, x: &[Var]| {
                 let p = Bound::new(x.to_vec());
-                let q = t.constant(cloud.clone());
+                let q = t.constant(q.clone());
                 let layout = whole.layout().map(|layout| (layout, bsp.code_step));
                 let (features, codes) = bsp.canonical.forward(t, &p, q, whole.neighbours(), layout);
                 let patches = bsp.sampler.place(t, codes, &steps);
@@ -139,7 +139,7 @@ mod tests {
 
             let mut tape = Tape::new();
             let p = bsp.params.bind(&mut tape, true);
-            let q = tape.constant(cloud.clone());
+            let q = tape.constant(q.clone());
             let out = bsp.forward(&mut tape, &p, q, &whole);
             let loss = tape.chamfer(out.surface, q, Direction::BOTH);
             let gradients = p.collect(&mut tape.backward(loss));
@@ -156,8 +156,8 @@ mod tests {
 
     #[test]
     fn global_attention_equals_a_reach_of_all_points() {
-        let cloud = normal(&[7, 3], 1);
-        let points = cloud.to_points();
+        let q = normal(&[7, 3], 1);
+        let points = q.to_points();
         let surfaces: Vec<Vec<f32>> = [None, Some(6)]
             .iter()
             .map(|&reach| {
@@ -169,7 +169,7 @@ mod tests {
                 }
                 let mut tape = Tape::new();
                 let p = bsp.params.bind(&mut tape, false);
-                let q = tape.constant(cloud.clone());
+                let q = tape.constant(q.clone());
                 let out = bsp.forward(&mut tape, &p, q, &whole);
                 tape.value(out.surface).data().to_vec()
             })

@@ -1,5 +1,6 @@
-//! Bijective surface parameterization: the cloud is mapped to codes on the unit sphere (Phi), each code gets a patch
-//! of neighbouring codes, and the patches are mapped back to space (Psi) as a denser surface S.
+//! Bijective surface parameterization: the points Q are mapped to codes on the unit sphere (Phi), each code gets a
+//! patch of neighbouring codes, and the patches are mapped back to space (Psi) as a denser surface S. In a run, Q is
+//! the denoised points; here it is any n points.
 
 mod atlas;
 mod canonical;

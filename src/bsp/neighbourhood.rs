@@ -1,4 +1,4 @@
-//! Which points are seen together: the whole cloud, or a compact block of a large one and what is around it.
+//! Which points of Q are computed together: all, or, of many, a compact block and the points around it.
 
 use super::BspConfig;
 use super::chart::{self, Chart};
@@ -9,10 +9,10 @@ use crate::geometry::KdTree;
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// A part of a cloud with everything that the patches of its centres depend on.
+/// A part of the points Q with everything that the patches of its centres depend on.
 ///
-/// Of b centres: the context is c points, the centres first, and all indices below are into it. For a whole cloud it
-/// is the cloud. For a block it also holds the points near the centres; those have exact neighbours themselves only
+/// Of b centres: the context is c points, the centres first, and all indices below are into it. For all of Q it
+/// is Q. For a block it also holds the points near the centres; those have exact neighbours themselves only
 /// as far as these are in the context.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbourhood {
@@ -26,7 +26,7 @@ pub struct Neighbourhood {
     charts: Option<Arc<[Chart]>>,
 }
 
-/// Initial codes and charts of a whole cloud, from which blocks take theirs.
+/// Initial codes and charts of all points, from which blocks take theirs.
 struct Laid {
     codes: Vec<[f32; 3]>,
     charts: Option<Vec<Chart>>,
@@ -61,11 +61,11 @@ impl Laid {
 }
 
 impl Neighbourhood {
-    /// The whole cloud, `points` (n x 3); with unit `normals` (n x 3), neighbours are those on the same sheet first
-    /// (see [`BspConfig::normal_weight`]).
+    /// All of Q, `points` (n x 3), as one block; with unit `normals` (n x 3), neighbours are those on the same sheet
+    /// first (see [`BspConfig::normal_weight`]).
     ///
     /// # Panics
-    /// If the cloud is empty, or there is not one normal a point.
+    /// If there are no points, or there is not one normal a point.
     #[track_caller]
     pub fn whole(points: &[[f32; 3]], normals: Option<&[[f32; 3]]>, config: &BspConfig) -> Self {
         let n = points.len();
@@ -79,7 +79,7 @@ impl Neighbourhood {
         Neighbourhood { context, centres: n, neighbours, reach, layout, charts }
     }
 
-    /// The whole cloud of n points, for maps that look at no neighbours.
+    /// All of n points as one block, for maps that look at no neighbours.
     pub(super) fn without_neighbours(n: usize) -> Self {
         let context = (0..n as u32).collect();
         Neighbourhood { context, centres: n, neighbours: [].into(), reach: None, layout: None, charts: None }
@@ -108,11 +108,11 @@ impl Neighbourhood {
         parts.into_iter().map(bare).collect()
     }
 
-    /// The cloud in blocks of at most `size` centres: one if it is no larger, else halves of halves along their longest
-    /// sides. Every point is a centre of one block.
+    /// All `points` (n x 3) in blocks of at most `size` centres: one if there are no more, else halves of halves along
+    /// their longest sides. Every point is a centre of one block.
     ///
     /// # Panics
-    /// If the cloud is empty or `size` is 0.
+    /// If there are no points or `size` is 0.
     #[track_caller]
     pub fn blocks(
         points: &[[f32; 3]],
@@ -183,12 +183,12 @@ impl Neighbourhood {
         self.reach = Some(KdTree::new(points).k_nearest(points, points.len()).into());
     }
 
-    /// The context's indices in the cloud (c), the centres first.
+    /// The context's indices among all points (c), the centres first.
     pub fn context(&self) -> &[u32] {
         &self.context
     }
 
-    /// The centres' indices in the cloud (b).
+    /// The centres' indices among all points (b).
     pub fn centres(&self) -> &[u32] {
         &self.context[..self.centres]
     }
@@ -208,8 +208,8 @@ impl Neighbourhood {
         self.charts.as_ref()
     }
 
-    /// The distance to the cloud up to which L_para asks nothing of a point of S, one a point of the block's part of S
-    /// (b M), working frame; `None` if it always asks.
+    /// The distance to Q up to which a point of S adds nothing to L_para, one for each point of the block's part of S
+    /// (b M), working frame; `None` if there is no such distance.
     pub fn slack(&self, config: &BspConfig, n: usize) -> Option<Arc<[f32]>> {
         let charts = self.charts.as_ref().filter(|_| config.slack > 0.0)?;
         let cap = chart::cap_radius(config.patch, config.codes(n));
@@ -262,15 +262,15 @@ mod tests {
                 for block in &blocks {
                     let b = block.centres().len();
                     assert!(b <= size.max(n.min(size)));
-                    let cloud = |rows: &[u32]| -> Vec<u32> {
+                    let of_all = |rows: &[u32]| -> Vec<u32> {
                         rows.iter().map(|&r| block.context()[r as usize]).collect()
                     };
                     let k = config.neighbours.min(n);
-                    // The centres' own neighbours are those in the whole cloud.
-                    assert_eq!(cloud(&block.neighbours[..b * k]), finder.k_nearest(block.centres(), k));
+                    // The centres' own neighbours are those among all points.
+                    assert_eq!(of_all(&block.neighbours[..b * k]), finder.k_nearest(block.centres(), k));
                     if let Some(reach) = block.reach() {
                         assert_eq!(
-                            cloud(reach),
+                            of_all(reach),
                             finder.k_nearest(block.centres(), config.reach.unwrap().min(n))
                         );
                     }

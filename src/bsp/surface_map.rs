@@ -7,13 +7,13 @@ use crate::random::Random;
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// How a denser surface S is made of the cloud Q; all but the first are the paper's ablations of BSP.
+/// How a denser surface S is made of the points Q; all but the first are the paper's ablations of BSP.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[non_exhaustive]
 pub enum Parameterization {
     /// Bijective surface parameterization: local patches on the sphere.
     Bsp,
-    /// No S, the cloud stands for itself ("Sparse").
+    /// No S: the surface is drawn to Q alone ("Sparse").
     None,
     /// Interpolation between neighbours, with nothing to learn ("Upsample").
     Upsample,
@@ -29,20 +29,20 @@ pub enum Parameterization {
 /// The most points that a global map puts on its surface, all of which are computed in every step.
 const MAX_GLOBAL_CODES: usize = 40_960;
 
-/// A parameterization with its parameters: it computes S from the cloud.
+/// A parameterization with its parameters: it computes S from the points Q.
 #[derive(Clone, Debug)]
 #[non_exhaustive]
 pub enum SurfaceMap {
-    /// Learned local patches: M points of S for each point of the cloud.
+    /// Learned local patches: M points of S for each point of Q.
     Bsp(Box<Bsp>),
-    /// Global maps: points of S do not belong to points of the cloud.
+    /// Global maps: points of S do not belong to points of Q.
     Atlas(Atlas),
-    /// Interpolation: M points of S for each point of the cloud, with nothing to learn.
+    /// Interpolation: M points of S for each point of Q, with nothing to learn.
     Upsample(Upsample),
 }
 
 impl SurfaceMap {
-    /// The map for the cloud `points` (n x 3, working frame); `None` for [`Parameterization::None`]. The global maps
+    /// The map for Q, `points` (n x 3, working frame); `None` for [`Parameterization::None`]. The global maps
     /// have as many points as BSP would, n M, up to 40,960.
     ///
     /// # Panics
@@ -85,11 +85,11 @@ impl SurfaceMap {
         }
     }
 
-    /// The parts that S is made in, for at most `size` centres each; a global map is made in one. `normals` (n x 3)
-    /// tell the sheets of the surface apart, for maps that look at neighbours.
+    /// The parts of Q, `points` (n x 3), of at most `size` centres each, for each of which S is computed at a time; one
+    /// for a global map. Unit `normals` (n x 3) tell the sheets of the surface apart, for maps that look at neighbours.
     ///
     /// # Panics
-    /// If the cloud is empty, `size` is 0, or there is not one normal a point.
+    /// If there are no points, `size` is 0, or there is not one normal a point.
     #[track_caller]
     pub fn blocks(
         &self,
@@ -104,7 +104,7 @@ impl SurfaceMap {
         }
     }
 
-    /// The distances to the cloud (n points) up to which L_para asks nothing of the points of S of a block, as
+    /// The distances to the n points Q up to which the points of S of a block add nothing to L_para, as
     /// [`Neighbourhood::slack`]; `None` for other maps than BSP.
     pub fn slack(&self, block: &Neighbourhood, n: usize) -> Option<Arc<[f32]>> {
         match self {
@@ -113,7 +113,7 @@ impl SurfaceMap {
         }
     }
 
-    /// The number of points on S for a cloud of n points; the same for any n if the map is global.
+    /// The number of points on S for n points Q; the same for any n if the map is global.
     pub fn surface_len(&self, n: usize) -> usize {
         match self {
             SurfaceMap::Bsp(bsp) => n * bsp.config().patch,
@@ -122,7 +122,7 @@ impl SurfaceMap {
         }
     }
 
-    /// Points of S for each point of the cloud, where they come patch by patch.
+    /// Points of S for each point of Q, where they come patch by patch.
     fn patch(&self) -> Option<usize> {
         match self {
             SurfaceMap::Bsp(bsp) => Some(bsp.config().patch),
@@ -144,7 +144,7 @@ impl SurfaceMap {
         }
     }
 
-    /// The rows of S that come from a point of the cloud; all rows for a global map.
+    /// The rows of S that come from a point of Q; all rows for a global map.
     pub fn rows_of(&self, point: u32) -> std::ops::Range<usize> {
         match self.patch() {
             Some(patch) => point as usize * patch..(point as usize + 1) * patch,
@@ -170,12 +170,12 @@ impl SurfaceMap {
         }
     }
 
-    /// All of S (i x 3) for the cloud `points` (n x 3), block by block and without gradients.
+    /// All of S (i x 3) for Q, `points` (n x 3), block by block and without gradients.
     pub fn surface(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> Vec<[f32; 3]> {
         self.forward_all(points, blocks).0
     }
 
-    /// All of S for the cloud `points` (n x 3) with the codes that it comes from, block by block and without gradients.
+    /// All of S for Q, `points` (n x 3) with the codes that it comes from, block by block and without gradients.
     pub fn parameterize(&self, points: &[[f32; 3]], blocks: &[Neighbourhood]) -> ParameterizedSurface {
         let (surface, codes) = self.forward_all(points, blocks);
         let codes = match self {
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn the_codes_of_a_cloud_are_those_that_its_surface_comes_from() {
+    fn the_codes_of_points_are_those_that_their_surface_comes_from() {
         let points = normal(&[21, 3], 3).to_points();
         let config =
             BspConfig { neighbours: 4, reach: Some(5), ..super::super::config::tests::small(Some(5), true) };

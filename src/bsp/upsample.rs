@@ -1,4 +1,4 @@
-//! Interpolation between neighbours, to compare BSP with: a denser cloud that nothing is learned for.
+//! Interpolation between neighbours, to compare BSP with: denser points, with nothing learned.
 
 use super::Neighbourhood;
 use crate::autodiff::{Tape, Var};
@@ -6,17 +6,17 @@ use crate::geometry::KdTree;
 use crate::nn::Params;
 use crate::tensor::Tensor;
 
-/// M points for each point of the cloud, each halfway to the middle of two of its nearest neighbours.
+/// M points for each point of Q, each halfway to the middle of two of its nearest neighbours.
 ///
 /// s_nj = q_n / 2 + (q_a + q_b) / 4, where (a, b) is the j-th pair of neighbours of q_n, other than itself and nearest
 /// first: (1, 2), (1, 3), (2, 3), (1, 4), ... As many neighbours take part as have M pairs among them, 5 for M = 10.
-/// The weight on q_n keeps the points of a triangle that all three corners see apart. In a small cloud without so many
-/// neighbours the pairs are gone through again; of two points there is one pair, of the other with itself; a single
-/// point is its own.
+/// The weight on q_n keeps the points apart that the three corners of a triangle make of it. Where there are not that
+/// many neighbours, the pairs are used again from the first; of two points there is one pair, the other point twice; a
+/// single point is repeated.
 ///
-/// S depends on the cloud alone: there are no parameters, no gradients, and nothing random.
+/// S depends on Q alone: there are no parameters, no gradients, and nothing random.
 ///
-/// In the paper's ablation "Upsample" a trained network (LDI, Li et al. 2024) densifies the cloud before the field is
+/// In the paper's ablation "Upsample" a trained network (LDI, Li et al. 2024) densifies Q before the field is
 /// learned. This is the part of it that every such method starts from, without the learned correction.
 #[derive(Clone, Debug)]
 pub struct Upsample {
@@ -26,10 +26,10 @@ pub struct Upsample {
 }
 
 impl Upsample {
-    /// S for the cloud `points` (n x 3), `patch` points each.
+    /// S for Q, `points` (n x 3), `patch` points each.
     ///
     /// # Panics
-    /// If the cloud is empty or `patch` is 0.
+    /// If there are no points or `patch` is 0.
     #[track_caller]
     pub fn new(points: &[[f32; 3]], patch: usize) -> Self {
         assert!(!points.is_empty() && patch > 0, "upsample: {} points, {patch} each", points.len());
@@ -68,7 +68,7 @@ impl Upsample {
         &mut self.params
     }
 
-    /// Points of S for each point of the cloud.
+    /// Points of S for each point of Q.
     pub fn patch(&self) -> usize {
         self.patch
     }
@@ -76,7 +76,7 @@ impl Upsample {
     /// The patches of a block's centres (b M x 3), as a constant.
     ///
     /// # Panics
-    /// If the block is of a larger cloud.
+    /// If the block is of more points.
     #[track_caller]
     pub fn forward(&self, tape: &mut Tape, block: &Neighbourhood) -> Var {
         let patch = |&i: &u32| &self.points[i as usize * self.patch..(i as usize + 1) * self.patch];
@@ -102,20 +102,20 @@ mod tests {
     #[test]
     fn points_are_those_of_the_formula() {
         // Neighbours of the first, near to far: (4, 0, 0), (0, 8, 0), (0, 0, 16), (0, 0, -32).
-        let cloud = [[0.0f32; 3], [0.0, 8.0, 0.0], [4.0, 0.0, 0.0], [0.0, 0.0, -32.0], [0.0, 0.0, 16.0]];
-        let first = |patch: usize| Upsample::new(&cloud, patch).points[..patch].to_vec();
+        let points = [[0.0f32; 3], [0.0, 8.0, 0.0], [4.0, 0.0, 0.0], [0.0, 0.0, -32.0], [0.0, 0.0, 16.0]];
+        let first = |patch: usize| Upsample::new(&points, patch).points[..patch].to_vec();
         let expected = [[1.0, 2.0, 0.0], [1.0, 0.0, 4.0], [0.0, 2.0, 4.0]];
         assert_eq!(first(1), expected[..1]);
         assert_eq!(first(3), expected);
         assert_eq!(first(6)[3..], [[1.0, 0.0, -8.0], [0.0, 2.0, -8.0], [0.0, 0.0, -4.0]]);
         // Four neighbours have six pairs; then from the first again.
         assert_eq!(first(9)[6..], expected);
-        assert_eq!(Upsample::new(&cloud[..1], 2).points, [[0.0; 3]; 2]);
-        assert_eq!(Upsample::new(&cloud[..2], 2).points, [[0.0, 4.0, 0.0]; 4]);
+        assert_eq!(Upsample::new(&points[..1], 2).points, [[0.0; 3]; 2]);
+        assert_eq!(Upsample::new(&points[..2], 2).points, [[0.0, 4.0, 0.0]; 4]);
     }
 
     #[test]
-    fn small_clouds_equal_the_twin() {
+    fn few_points_equal_the_twin() {
         for n in 1..=12 {
             let points = normal(&[n, 3], n as u64).to_points();
             for patch in [1, 2, 3, 5, 10, 15] {
@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn points_of_a_cloud_in_general_position_are_distinct() {
+    fn points_made_of_general_positions_are_distinct() {
         let points = normal(&[60, 3], 4).to_points();
         let mut all: Vec<[u32; 3]> =
             Upsample::new(&points, 10).points.iter().map(|p| p.map(f32::to_bits)).collect();
@@ -184,7 +184,7 @@ mod tests {
             directions in prop::collection::vec(prop::array::uniform3(-1.0f64..1.0), 40),
         ) {
             let up = Upsample::new(&points, patch);
-            // As many neighbours as have so many pairs.
+            // The number of neighbours that have at least `patch` pairs.
             let k = (2..).find(|k| k * (k - 1) / 2 >= patch).unwrap();
             for (i, patch) in up.points.chunks(patch).enumerate() {
                 let mut hull = others(&points, i);

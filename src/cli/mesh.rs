@@ -66,7 +66,7 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
             options.attributes = true;
             let cloud = Input::read_with(path, options)?.cloud()?;
             common.tell(&cloud.warnings, &cloud.notices);
-            if !meets(&cloud.points, field.cloud()) {
+            if !meets(&cloud.points, field.input_points()) {
                 common.warn("the points that are carried from lie elsewhere than those of the field: is it their file?");
             }
             let every: Vec<u32> = (0..cloud.points.len() as u32).collect();
@@ -74,12 +74,12 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
         }
         None => Carried::default(),
     };
-    let mesh = args.fineness.of(field.cloud().len()).mesh(&field)?;
-    let Part { mesh, cut, support } = args.trim.part(mesh, field.cloud(), common)?;
+    let mesh = args.fineness.of(field.input_points().len()).mesh(&field)?;
+    let Part { mesh, cut, support } = args.trim.part(mesh, field.input_points(), common)?;
     let topology = mesh.topology();
     output.write_mesh(&mesh, &vertex_attributes(support, carried.at(&mesh.verts)?))?;
     if let Some(path) = &args.view.preview {
-        let image = render(field.cloud(), &mesh, &View::from(&args.view))?;
+        let image = render(field.input_points(), &mesh, &View::from(&args.view))?;
         write_bytes(path, &image.to_png())?;
     }
     common.note(&topology.to_string());

@@ -27,8 +27,8 @@ pub struct FieldConfig {
     pub frequency: f32,
     /// Nonlinearity of the hidden layers. Default `softplus:100`, paper `relu`.
     pub activation: FieldActivation,
-    /// Hidden layer (counted from 0) that is fed the encoding again beside its input. `None` (`none`) is a plain stack
-    /// of layers. Default `none`.
+    /// Hidden layer (counted from 0) that gets the encoding again in addition to its input. `None` (`none`) is a plain
+    /// stack of layers. Default `none`.
     pub skip: Option<usize>,
     /// Radius of the sphere that the field starts as, in units of the working frame. Default 0.35.
     pub radius: f32,

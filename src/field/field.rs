@@ -65,7 +65,7 @@ impl Field {
         Self::build(config, false, rng)
     }
 
-    /// A field with a displacement beside g, which starts close to 0.
+    /// A field that has a displacement (3 values) as a second output besides g; it starts close to 0.
     ///
     /// # Panics
     /// As [`new`](Self::new).
@@ -126,7 +126,7 @@ impl Field {
         &self.config
     }
 
-    /// Whether it has a displacement beside g.
+    /// Whether it has a displacement as a second output besides g.
     pub fn has_offset(&self) -> bool {
         self.offset
     }

@@ -3,7 +3,7 @@
 //!
 //! On a smooth shape that surface is nearer to the truth than a network is; at edges it overshoots, and it joins sheets
 //! that lie closer together than the points. Where that happens, points are not where a plate through the others has
-//! them: leaving each point out in turn tells how far the plate is to be trusted there, and plate and field are
+//! them: leaving each point out in turn measures how far the plate is to be trusted there, and plate and field are
 //! weighted by that, as two measurements of one distance would be.
 
 use crate::error::{Error, ErrorKind};
@@ -27,7 +27,7 @@ const AVERAGED: usize = 8;
 /// weight, so that both are continuous.
 const INTERPOLATED: usize = 5;
 
-/// A thin plate through the points of a cloud, to be blended into a field. All in the working frame.
+/// A thin plate through the points, to be blended into a field. All in the working frame.
 #[derive(Clone, Debug)]
 pub(super) struct PlateBlend {
     /// n x 3.
@@ -92,7 +92,7 @@ impl PlateBlend {
         }
     }
 
-    /// What the points `near` a place (nearest first) say there.
+    /// The neighbour spacing at a place and the weight of the plate there, from the points `near` it (nearest first).
     fn around(&self, x: &[f32; 3], near: &[u32]) -> LocalTrust {
         let distance = |i: u32| dist_sq(*x, self.points[i as usize]).sqrt();
         let farthest = near.iter().map(|&i| distance(i)).fold(f32::MIN_POSITIVE, f32::max);

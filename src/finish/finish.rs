@@ -1,4 +1,4 @@
-//! Corrections to a trained field so that it goes through the points.
+//! Corrections to a trained field so that it goes through the denoised points (the points, in this folder).
 //!
 //! After the training the field misses the points by some hundredths of their neighbour spacing. Two corrections
 //! follow, neither of them in the paper: the field's values at the points are interpolated and subtracted
@@ -12,17 +12,17 @@ use crate::geometry::vec3::length;
 use crate::start::MAX_PLATE_POINTS;
 use std::ops::RangeInclusive;
 
-/// The sizes of clouds that fields are finished for: fewer points predict nothing, more take too much memory (some
+/// The numbers of points that fields are finished for: fewer predict nothing, more take too much memory (some
 /// 130 pairs within the reach of a point of an even surface, 8 bytes each).
 pub const FINISHED_POINTS: RangeInclusive<usize> = 20..=1 << 20;
 
 /// The largest coordinate of a place that the neighbour search takes, working frame.
 const MAX_COORDINATE: f32 = 1e6;
 
-/// What to do about a field that cannot be finished.
+/// The advice in errors for a field that cannot be finished.
 const LEAVE_IT: &str = "leave the field as it is (finish = none)";
 
-/// What a trained field is changed by so that it goes through the points of a cloud. All in the working frame.
+/// What a trained field is changed by so that it goes through given points. All in the working frame.
 ///
 /// It depends on the points and on the field's values and gradients there, so only the points are saved; the
 /// corrections are computed again from them and the field.

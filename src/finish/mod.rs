@@ -1,4 +1,4 @@
-//! Corrections to the trained field, by its values at the points.
+//! Corrections to the trained field, by its values at the denoised points.
 
 mod blend;
 #[allow(clippy::module_inception)]

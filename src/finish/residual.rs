@@ -1,6 +1,6 @@
-//! What a trained field is off by at the points, taken out of it: kriging with the field as the trend.
+//! The values of a trained field at the points, interpolated and subtracted: kriging with the field as the trend.
 //!
-//! At a point of the cloud the field should be 0 and is g(q). These residuals are interpolated by a smooth function of
+//! At a denoised point q the field should be 0 and is g(q). These residuals are interpolated by a smooth function of
 //! place and normal, which is taken off. Between points, and where nothing was off, the field stays as it is.
 
 use crate::error::{Error, ErrorKind};
@@ -43,8 +43,8 @@ pub(super) struct Residual {
 impl Residual {
     /// The function for `values` at `points` with unit `normals` (n each, working frame), of those whose value is at
     /// most half the median spacing: the mean of a Gaussian process with the covariance (1 - r)^6 (6 r + 1) for r < 1,
-    /// r^2 the sum of the squared distances of places, in 6 median spacings, and of normals, in 3.2, and a share of
-    /// 0.05 beside it that no two points have in common. The function of compact support is Wendland's for up to six
+    /// r^2 the sum of the squared distances of places, in 6 median spacings, and of normals, in 3.2, plus a share of
+    /// 0.05 that no two points have in common. The function of compact support is Wendland's for up to six
     /// dimensions (1995, "Piecewise polynomial, positive definite and compactly supported radial functions of minimal
     /// degree").
     ///

@@ -1,4 +1,4 @@
-//! Numbers that stand beside the places of points or vertices: colours, intensities, classes.
+//! Numbers that points or vertices have besides their positions: colours, intensities, classes.
 
 /// The type that numbers have in a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]

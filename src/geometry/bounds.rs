@@ -66,8 +66,8 @@ impl Bounds {
     }
 }
 
-/// Coordinates up to so many longest sides away from the origin keep their detail in 32 bits: they are rounded by less
-/// than 3e-7 of the longest side.
+/// Coordinates up to this many longest sides away from the origin keep their detail in 32 bits: they are rounded by
+/// less than 3e-7 of the longest side.
 const MAX_SIDES_AWAY: f64 = 4.0;
 
 /// [`Normalizer::place`] rounds to the longest side, or the next power of two above it, divided by this.
@@ -175,7 +175,7 @@ impl Normalizer {
     /// Points of the working frame (n x 3), in the input's frame and in 64 bits.
     ///
     /// How they lie to the centre of the box is rounded to multiples of 2^-30 of the longest side, or of the next power
-    /// of two above it. So a cloud that is moved or scaled by a power of two without rounding has the same places,
+    /// of two above it. So points that are moved or scaled by a power of two without rounding have the same places,
     /// moved or scaled, to the bit.
     pub fn place(&self, points: &[[f32; 3]]) -> Vec<[f64; 3]> {
         let step = 2f64.powi(self.side.log2().ceil() as i32) / PLACES;
@@ -264,12 +264,12 @@ mod tests {
     }
 
     #[test]
-    fn places_move_and_scale_with_the_cloud_to_the_bit() {
-        let cloud: Vec<[f32; 3]> =
+    fn places_move_and_scale_with_the_points_to_the_bit() {
+        let points: Vec<[f32; 3]> =
             (0..40).map(|i| [0.37 * i as f32, (i * i % 17) as f32 / 3.0, (i % 5) as f32 - 1.1]).collect();
         let inside: Vec<[f32; 3]> =
             (0..40).map(|i| [0.5 - i as f32 / 40.0, 1e-7 * i as f32, 0.3 * (i as f32).sin()]).collect();
-        let own = Normalizer::of(&cloud).unwrap();
+        let own = Normalizer::of(&points).unwrap();
         let places = own.place(&inside);
         for (p, y) in places.iter().zip(&inside) {
             assert!((0..3).all(|a| (own.forward_wide(*p)[a] - f64::from(y[a])).abs() < 1e-9), "{p:?}");
@@ -281,9 +281,9 @@ mod tests {
             (2f64.powi(40), [0.0; 3]),
         ] {
             let to = |p: [f64; 3]| -> [f64; 3] { std::array::from_fn(|a| scale * p[a] + by[a]) };
-            let moved: Vec<[f64; 3]> = cloud.iter().map(|p| to(p.wide())).collect();
+            let moved: Vec<[f64; 3]> = points.iter().map(|p| to(p.wide())).collect();
             let frame = Normalizer::of(&moved).unwrap();
-            assert_eq!(frame.forward(&moved), own.forward(&cloud));
+            assert_eq!(frame.forward(&moved), own.forward(&points));
             assert_eq!(frame.place(&inside), places.iter().map(|&p| to(p)).collect::<Vec<_>>());
         }
     }

@@ -1,4 +1,4 @@
-//! Clouds of scan lines made even: points of scanners that spin or sweep lie far closer along their lines than the
+//! Points on scan lines made even: points of scanners that spin or sweep lie far closer along their lines than the
 //! lines lie to each other; they are replaced by means over cells about as large as the lines are apart.
 //!
 //! Between such lines a surface through all points has nothing to hold on to but the noise along them: it tears and
@@ -16,7 +16,7 @@ const FILLED: usize = 20;
 const LINED: f64 = 2.0;
 /// Lines that are farther apart than this many times the area spacing are no surface.
 const MAX_LINED: f64 = 16.0;
-/// The share of points on such lines from which on a cloud is one of lines. On a thin leg points lie on a line, too.
+/// The least share of points on such lines for which points are made even. On a thin leg points lie on a line, too.
 const SHARE: f64 = 0.3;
 /// Means are taken over cells of this many times the side at which the cells around a point are filled.
 const MERGED: f64 = 0.8;
@@ -24,21 +24,21 @@ const MERGED: f64 = 0.8;
 /// positive, fit 21 bits.
 const MAX_CELLS: f64 = (1 << 19) as f64;
 
-/// A cloud of lines made even.
+/// Points on scan lines made even.
 #[derive(Clone, Debug)]
-pub(crate) struct EvenCloud {
+pub(crate) struct EvenPoints {
     /// Means of groups of points, m x 3.
     pub points: Vec<[f32; 3]>,
-    /// The group of each point of the cloud, n.
+    /// The group of each of the n points, n.
     group_of: Vec<u32>,
 }
 
-impl EvenCloud {
+impl EvenPoints {
     /// The mean direction of each group (m x 3), from those of all points (n x 3); of unit length, or that of one of
     /// its points where they cancel.
     ///
     /// # Panics
-    /// If there is not one direction a point of the cloud.
+    /// If there is not one direction for each of the n points.
     #[track_caller]
     pub fn directions(&self, of_points: &[[f32; 3]]) -> Vec<[f32; 3]> {
         assert!(of_points.len() == self.group_of.len(), "{} of {}", of_points.len(), self.group_of.len());
@@ -56,10 +56,10 @@ impl EvenCloud {
     }
 }
 
-/// The points of a cloud of lines (n x 3) as means over cells of 0.8 times the side at which points fill the cells
+/// Points on scan lines (n x 3) as means over cells of 0.8 times the side at which points fill the cells
 /// around them as a surface does; `None` if fewer than three tenths of the points are on lines that lie far from each
 /// other.
-pub(crate) fn evened(points: &[[f32; 3]]) -> Option<EvenCloud> {
+pub(crate) fn evened(points: &[[f32; 3]]) -> Option<EvenPoints> {
     if points.len() <= AREA_NEIGHBOURS {
         return None;
     }
@@ -80,7 +80,7 @@ pub(crate) fn evened(points: &[[f32; 3]]) -> Option<EvenCloud> {
         sum.map(|x| (x / of.len() as f64) as f32)
     };
     let means = numbers.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)).enumerate().map(mean).collect();
-    Some(EvenCloud { points: means, group_of })
+    Some(EvenPoints { points: means, group_of })
 }
 
 /// The surface spacing at each of n points (n), in their unit: the area spacing, or about the line distance, the side
@@ -94,7 +94,7 @@ pub(crate) fn surface_spacing(points: &[[f32; 3]]) -> Vec<f64> {
     spacing
 }
 
-/// The steps (see [`side`]) of [`filled_cells`] of a cloud of lines; `None` for another.
+/// The steps (see [`side`]) of [`filled_cells`] of points on scan lines; `None` for others.
 fn lined_cells(points: &[[f32; 3]], area_spacing: &[f64]) -> Option<Vec<Option<i32>>> {
     let filled = filled_cells(points, area_spacing);
     let lined =
@@ -179,8 +179,8 @@ mod tests {
     #[test]
     fn rings_become_even_and_stay_where_they_are() {
         let rings = rings();
-        let cloud = evened(&rings).unwrap();
-        let even = cloud.points.clone();
+        let lined = evened(&rings).unwrap();
+        let even = lined.points.clone();
         assert!(even.len() < rings.len() / 4, "{} of {}", even.len(), rings.len());
         // No place of the rings loses its points, and what is new is among them.
         let far = |from: &[[f32; 3]], to: &[[f32; 3]]| {
@@ -197,7 +197,7 @@ mod tests {
         assert!(evened(&even).is_none_or(|again| again.points.len() > even.len() / 2));
         // Groups are where their points are.
         let out: Vec<[f32; 3]> = rings.iter().map(|p| [p[0], p[1], 0.0]).collect();
-        for (direction, p) in cloud.directions(&out).iter().zip(&even) {
+        for (direction, p) in lined.directions(&out).iter().zip(&even) {
             let length = p[0].hypot(p[1]);
             assert!((direction[0] * p[0] + direction[1] * p[1]) / length > 0.99, "{direction:?} {p:?}");
         }

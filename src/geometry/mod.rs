@@ -40,4 +40,4 @@ pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
 pub use shapes::AnalyticShape;
 pub(crate) use spacing::{nearest_distances, neighbour_spacing};
 pub use sphere::fibonacci_sphere;
-pub use thin::thin_cloud;
+pub use thin::thin_points;

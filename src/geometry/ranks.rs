@@ -23,7 +23,7 @@ impl Ordered for f64 {
 /// The value that has the given rank among all `values`, 0 for the least; the values change their places.
 ///
 /// # Panics
-/// If there are not so many values.
+/// If there are not more than `rank` values.
 #[track_caller]
 pub(crate) fn ranked<T: Ordered>(values: &mut [T], rank: usize) -> T {
     assert!(rank < values.len(), "rank {rank} of {} values", values.len());

@@ -1,8 +1,8 @@
-//! How far apart the points of a cloud are. There are several such lengths, each with a name of its own:
+//! How far apart points are. There are several such lengths, each with a name of its own:
 //!
 //! - the *nearest distance* of a point is that to the nearest other point ([`nearest_distances`]);
 //! - the *neighbour spacing* of a point is the mean distance to its seven nearest others ([`neighbour_spacing`]); the
-//!   *median spacing* of a cloud is the median of it;
+//!   *median spacing* of n points is the median of it;
 //! - the *area spacing* of a point is the side of the square of surface that it stands for ([`area_spacing`]);
 //! - the *line distance* is how far the lines of a scanner lie from each other, points along which are much closer
 //!   ([`evened`](super::evened));

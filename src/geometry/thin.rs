@@ -1,17 +1,17 @@
-//! Thinning a cloud to an even density.
+//! Thinning points to an even density.
 
 use std::collections::BTreeMap;
 
 /// The indices, in ascending order, of one point in each cube of side `side` that has any: the one nearest to the
 /// cube's centre, of equals the first. Cubes are aligned to the origin.
 ///
-/// Without it a random choice from the cloud of a moving scanner would be almost all from nearby, where points are
+/// Without it a random choice from the points of a moving scanner would be almost all from nearby, where points are
 /// thousands of times denser than far away.
 ///
 /// # Panics
 /// If `side` is not positive and finite.
 #[track_caller]
-pub fn thin_cloud(points: &[[f32; 3]], side: f32) -> Vec<u32> {
+pub fn thin_points(points: &[[f32; 3]], side: f32) -> Vec<u32> {
     assert!(side > 0.0 && side.is_finite(), "thin: cubes of side {side}");
     let side = f64::from(side);
     let mut kept: BTreeMap<[i64; 3], (f64, u32)> = BTreeMap::new();
@@ -48,7 +48,7 @@ mod tests {
                 let c = cube(p);
                 (0..3).map(|d| (f64::from(p[d]) / f64::from(side) - c[d] - 0.5).powi(2)).sum::<f64>()
             };
-            let kept = thin_cloud(&points, side);
+            let kept = thin_points(&points, side);
             let naive: Vec<u32> = (0..points.len())
                 .filter(|&i| {
                     let rivals = (0..points.len()).filter(|&j| cube(&points[j]) == cube(&points[i]));
@@ -64,13 +64,13 @@ mod tests {
     #[test]
     fn cubes_finer_than_the_points_keep_them_all() {
         let points: Vec<[f32; 3]> = crate::geometry::fibonacci_sphere(100);
-        assert_eq!(thin_cloud(&points, 1e-3), (0..100).collect::<Vec<u32>>());
-        assert!(thin_cloud(&points, 10.0).len() <= 8);
+        assert_eq!(thin_points(&points, 1e-3), (0..100).collect::<Vec<u32>>());
+        assert!(thin_points(&points, 10.0).len() <= 8);
     }
 
     #[test]
     #[should_panic(expected = "cubes of side 0")]
     fn a_side_of_zero_is_refused() {
-        thin_cloud(&[[0.0; 3]], 0.0);
+        thin_points(&[[0.0; 3]], 0.0);
     }
 }

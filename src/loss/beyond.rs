@@ -1,4 +1,4 @@
-//! The squared distance to a cloud as far as it is beyond a slack.
+//! The squared distance to a set of points, as far as it exceeds a slack.
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::geometry::nearest_points;
@@ -60,15 +60,15 @@ impl Op<2> for Beyond {
 }
 
 impl Tape {
-    /// The mean over cloud a (n x 3) of max(0, distance to the nearest point of b (m x 3) - slack)^2, with a slack of
-    /// its own for every point of a (n); 1 x 1, in squared units of the clouds. With a slack of 0 it is one direction
-    /// of the squared Chamfer distance.
+    /// The mean over the points a (n x 3) of max(0, distance to the nearest point of b (m x 3) - slack)^2, with a slack
+    /// of its own for every point of a (n); 1 x 1, in squared units of the points. With a slack of 0 it is one
+    /// direction of the squared Chamfer distance.
     ///
-    /// Gradient: to both clouds, with the nearest neighbours held constant; 0 within the slack.
+    /// Gradient: to both sets of points, with the nearest neighbours held constant; 0 within the slack.
     ///
     /// # Panics
-    /// If a cloud is empty, does not have 3 columns or is not finite, or there is not one slack a point, finite and not
-    /// negative.
+    /// If a set of points is empty, does not have 3 columns or is not finite, or there is not one slack a point, finite
+    /// and not negative.
     #[track_caller]
     pub fn distance_beyond(&mut self, a: Var, b: Var, slack: Arc<[f32]>) -> Var {
         let (x, y) = (self.value(a), self.value(b));

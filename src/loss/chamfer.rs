@@ -1,4 +1,4 @@
-//! The squared Chamfer distance between two clouds.
+//! The squared Chamfer distance between two sets of points.
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::geometry::PointTree;
@@ -7,18 +7,18 @@ use crate::tensor::Tensor;
 /// Which nearest neighbours enter a [`chamfer`](Tape::chamfer) distance.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Direction {
-    /// Weight of the mean over the first cloud of the squared distance to its nearest point in the second.
+    /// Weight of the mean over the first set of the squared distance to its nearest point in the second.
     pub forward: f32,
-    /// Weight of the mean over the second cloud of the squared distance to its nearest point in the first.
+    /// Weight of the mean over the second set of the squared distance to its nearest point in the first.
     pub backward: f32,
 }
 
 impl Direction {
     /// Both directions with weight 1: the distance of equations 3 and 5 of the paper.
     pub const BOTH: Direction = Direction { forward: 1.0, backward: 1.0 };
-    /// From each point of the first cloud to the second only.
+    /// From each point of the first set to the second only.
     pub const FORWARD: Direction = Direction { forward: 1.0, backward: 0.0 };
-    /// From each point of the second cloud to the first only: how well the first covers the second.
+    /// From each point of the second set to the first only: how well the first covers the second.
     pub const BACKWARD: Direction = Direction { forward: 0.0, backward: 1.0 };
 }
 
@@ -27,7 +27,7 @@ struct Chamfer {
     direction: Direction,
 }
 
-/// The nearest index in the other cloud, for both directions; empty for a direction of weight 0.
+/// The nearest index in the other set, for both directions; empty for a direction of weight 0.
 struct Nearest {
     of_a: Vec<u32>,
     of_b: Vec<u32>,
@@ -69,7 +69,7 @@ impl Op<2> for Chamfer {
     type Saved = Nearest;
 
     fn forward(&self, [a, b]: [&Tensor; 2]) -> (Tensor, Nearest) {
-        let (pa, pb) = (points("first cloud", a), points("second cloud", b));
+        let (pa, pb) = (points("first points", a), points("second points", b));
         // Each direction needs both trees: one to search in, one for the order of the queries.
         let (ta, tb) = rayon::join(|| PointTree::new(pa), || PointTree::new(pb));
         let ((forward, of_a), (backward, of_b)) = rayon::join(
@@ -83,7 +83,7 @@ impl Op<2> for Chamfer {
 
     fn vjp(&self, at: At<'_, 2, Nearest>, dy: &Tensor) -> [Option<Tensor>; 2] {
         let [a, b] = at.x;
-        let (pa, pb) = (points("first cloud", a), points("second cloud", b));
+        let (pa, pb) = (points("first points", a), points("second points", b));
         let (mut da, mut db) = (dy.zeros_like_pool(a.dims()), dy.zeros_like_pool(b.dims()));
         let forward = dy.item() * self.direction.forward / pa.len() as f32;
         let backward = dy.item() * self.direction.backward / pb.len() as f32;
@@ -94,14 +94,14 @@ impl Op<2> for Chamfer {
 }
 
 impl Tape {
-    /// The squared Chamfer distance between clouds a (n x 3) and b (m x 3): the mean squared distance to the nearest
-    /// point of the other cloud, per direction, weighted and summed; 1 x 1, in squared units of the clouds.
+    /// The squared Chamfer distance between the points a (n x 3) and b (m x 3): the mean squared distance to the
+    /// nearest point of the other set, per direction, weighted and summed; 1 x 1, in squared units of the points.
     ///
-    /// Gradient: to both clouds, with the nearest neighbours held constant; smooth except where one changes.
+    /// Gradient: to both sets of points, with the nearest neighbours held constant; smooth except where one changes.
     /// Reference: equations 3 and 5 of the paper (`Direction::BOTH`).
     ///
     /// # Panics
-    /// If a cloud is empty, does not have 3 columns, or is not finite.
+    /// If a set of points is empty, does not have 3 columns, or is not finite.
     ///
     /// ```
     /// use bijective_sdf::autodiff::Tape;
@@ -139,8 +139,8 @@ mod tests {
         f64::from(direction.forward) * way(a, b) + f64::from(direction.backward) * way(b, a)
     }
 
-    /// Clouds in general position, on a lattice with duplicates, in a plane, and on a line.
-    fn cloud() -> impl Strategy<Value = Vec<[f32; 3]>> {
+    /// Points in general position, on a lattice with duplicates, in a plane, and on a line.
+    fn some_points() -> impl Strategy<Value = Vec<[f32; 3]>> {
         (prop::collection::vec([-2i8..3, -2i8..3, -2i8..3], 1..40), 0..4).prop_map(|(points, form)| {
             let place = |p: [i8; 3]| {
                 let x = p.map(f32::from);
@@ -158,7 +158,7 @@ mod tests {
     proptest! {
         #![proptest_config(ProptestConfig::with_cases(64))]
         #[test]
-        fn agrees_with_all_pairs(a in cloud(), b in cloud(), forward in 0f32..2.0, one_sided: bool) {
+        fn agrees_with_all_pairs(a in some_points(), b in some_points(), forward in 0f32..2.0, one_sided: bool) {
             let direction = Direction { forward, backward: if one_sided { 0.0 } else { 0.7 } };
             let mut t = Tape::new();
             let (va, vb) = (t.constant(Tensor::from_points(&a)), t.constant(Tensor::from_points(&b)));
@@ -169,16 +169,16 @@ mod tests {
 
         #[test]
         fn gradients(n in 1usize..12, m in 1usize..12, seed: u64) {
-            let clouds = [normal(&[n, 3], seed), normal(&[m, 3], seed ^ 1)];
+            let sets = [normal(&[n, 3], seed), normal(&[m, 3], seed ^ 1)];
             let both = Direction { forward: 0.8, backward: 1.3 };
             for direction in [both, Direction::FORWARD, Direction::BACKWARD] {
-                check(|t, x| t.chamfer(x[0], x[1], direction), &clouds, seed);
+                check(|t, x| t.chamfer(x[0], x[1], direction), &sets, seed);
             }
         }
     }
 
     #[test]
-    fn a_cloud_is_at_distance_zero_from_itself() {
+    fn a_set_is_at_distance_zero_from_itself() {
         let mut t = Tape::new();
         let a = t.input(normal(&[50, 3], 1));
         let y = t.chamfer(a, a, Direction::BOTH);

@@ -10,7 +10,7 @@ use crate::geometry::nearest_points;
 /// equation 2; alone, the paper's ablation f_TPS.
 ///
 /// # Panics
-/// If the shapes do not fit, a cloud is empty or not finite.
+/// If the shapes do not fit, a set of points is empty or not finite.
 #[track_caller]
 pub fn pull(tape: &mut Tape, from: &[[f32; 3]], moved: Var, target: Var) -> Var {
     let (nearest, _) = nearest_points(from, &tape.value(target).to_points());

@@ -2,7 +2,7 @@
 
 use crate::autodiff::{Tape, Var};
 
-/// The mean of |g|: over the grid vertices near the surface it is L_surf (equation 6 of the paper), over the cloud it
+/// The mean of |g|: over the grid vertices near the surface it is L_surf (equation 6 of the paper), over points it
 /// draws the surface through the points.
 ///
 /// Shapes: `sdf` v x 1 to 1 x 1, in units of the working frame. Gradient: the sign of g over v; 0 where g is 0.

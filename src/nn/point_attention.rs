@@ -9,7 +9,7 @@ use std::sync::Arc;
 /// the k neighbours j of point i, channel by channel, with xi_ij = delta(p_i - p_j).
 ///
 /// # Shapes
-/// Points n x 3, features x n x c_in (the points themselves, if nothing else is known) and n k neighbours to n x c.
+/// Points n x 3, features x n x c_in (the points themselves, if they have no features) and n k neighbours to n x c.
 ///
 /// # Parameters
 /// `alpha`, `beta`, `eta` linear c_in to c; `gamma` c to c to c and `delta` 3 to c to c, perceptrons with a ReLU;

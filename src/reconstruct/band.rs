@@ -8,7 +8,7 @@ use crate::geometry::{BandTopology, NarrowBandOptions, TetGrid, active_set};
 /// The most cubes along each side of the lattice that the search starts from.
 const MAX_COARSE_CUBES: usize = 32;
 
-/// The active part of a grid, as a field had it when it was searched for.
+/// The active part of a grid for the field as it was when the search was made.
 pub(super) struct ActiveBand {
     /// Cubes along each side of the grid.
     pub resolution: usize,
@@ -16,30 +16,31 @@ pub(super) struct ActiveBand {
     pub verts: Vec<[f32; 3]>,
     /// Active vertices on the border of the grid, where the field counts as outside, so that the surface is closed.
     pub border: Vec<u32>,
-    /// The value that the field is raised to there.
+    /// The value that the field is raised to at these vertices.
     pub outside: f32,
-    /// The tetrahedra between them.
+    /// The tetrahedra between the active vertices.
     pub topology: BandTopology,
 }
 
 impl ActiveBand {
-    /// Searches for the surface of `field` on a grid, near the `cloud` (n x 3) too, with `rings` rings of cubes around
-    /// those that the surface crosses. `stop` is asked before each part of the grid.
+    /// Searches for the surface of `field` on a grid, on a coarse lattice and near the `denoised` points (n x 3,
+    /// working frame), with `rings` rings of cubes around those that the surface crosses. `stop` is called before each
+    /// part of the grid.
     ///
     /// # Errors
     /// As [`active_set`], and as [`go_on`].
     pub fn find(
         field: &Field,
-        cloud: &[[f32; 3]],
+        denoised: &[[f32; 3]],
         resolution: usize,
         rings: usize,
         stop: Stop<'_>,
     ) -> Result<Self, Error> {
         let grid = TetGrid::working_frame(resolution)?;
-        // Half the resolution: a thinner part that is near no point of the cloud is not wanted.
+        // Half the resolution: a thinner part of the surface that is near no denoised point is not wanted.
         let options = NarrowBandOptions {
             coarse_resolution: (resolution / 2).clamp(1, MAX_COARSE_CUBES),
-            seeds: cloud,
+            seeds: denoised,
             ..Default::default()
         };
         let mut sdf = |x: &[[f32; 3]]| go_on(stop).map(|()| field.sdf(x));

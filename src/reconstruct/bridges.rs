@@ -1,10 +1,10 @@
-//! Bridges: points asked to be inside, so that parts of the surface which are nearer to each other than points stay
-//! joined.
+//! Bridges: points that a loss term draws inside the surface, so that parts of the surface whose gap is no wider than
+//! the spacing of the points around it stay joined.
 //!
-//! A thin leg or the neck of a lamp comes apart in the training where it has no point for a while, though its parts are
-//! nearer to each other than points are. Twice during the training the surface is taken from 128 cubes a side, in the
-//! working frame. Where a part is that near to the largest, or to one joined to it, points of the straight line between
-//! the two are asked to be inside from then on. Not in the paper.
+//! A thin leg or the neck of a lamp comes apart in the training where a stretch of it has no point, though its parts
+//! are nearer to each other than neighbouring points are. Twice during the training the surface is taken from 128 cubes
+//! a side, in the working frame. Where a part is that near to the largest, or to one joined to it, the term `bridge` of
+//! the loss draws points of the straight line between the two inside from then on. Not in the paper.
 
 use super::final_shape::zero_level_set;
 use crate::error::{Error, ErrorKind};
@@ -37,9 +37,10 @@ pub(super) struct Bridges {
 }
 
 impl Bridges {
-    /// Bridges from the largest part of `mesh` to those that are as near to it as points of the `cloud` (n x 3) are to
-    /// each other, from these to others as near, and so on, the nearest first.
-    pub fn over_gaps(mesh: &TriangleMesh, cloud: &[[f32; 3]]) -> Bridges {
+    /// Bridges from the largest part of `mesh` (working frame) to the parts whose gap to it is no wider than the
+    /// neighbour spacing of the `denoised` points (n x 3) at its ends, from these to others in the same way, and so on,
+    /// the narrowest gap first.
+    pub fn over_gaps(mesh: &TriangleMesh, denoised: &[[f32; 3]]) -> Bridges {
         let mut parts = mesh.split_components();
         parts.sort_by(|a, b| b.area.total_cmp(&a.area));
         parts.truncate(MAX_PARTS);
@@ -48,7 +49,7 @@ impl Bridges {
             return bridges;
         }
         let parts: Vec<Vec<[f32; 3]>> = parts.iter().map(|p| mesh.select_faces(&p.faces).verts).collect();
-        let spacing = neighbour_spacing(cloud);
+        let spacing = neighbour_spacing(denoised);
         let mut gaps = Vec::new();
         for (j, to) in parts.iter().enumerate() {
             for (i, from) in parts[..j].iter().enumerate() {
@@ -56,7 +57,7 @@ impl Bridges {
                 let end = (0..to.len()).min_by(|&a, &b| dist_sq[a].total_cmp(&dist_sq[b]));
                 let end = end.expect("a part has vertices");
                 let ends = [from[nearest[end] as usize], to[end]];
-                let (owners, _) = nearest_points(&ends, cloud);
+                let (owners, _) = nearest_points(&ends, denoised);
                 let unit = owners.iter().map(|&p| spacing[p as usize]).sum::<f64>() / 2.0;
                 gaps.push(Gap { parts: [i, j], ends, width: f64::from(dist_sq[end]).sqrt(), unit });
             }
@@ -80,24 +81,24 @@ impl Bridges {
         due && step >= self.looked
     }
 
-    /// Looks for gaps in the surface of `field`, before step `step` of the training, and adds bridges over them. Parts
-    /// below the share `min_part` of the largest part's area are left out.
+    /// Looks for gaps in the surface of `field`, before step `step` of the training, and adds bridges over them, see
+    /// [`over_gaps`](Self::over_gaps). Parts below the share `min_part` of the largest part's area are left out.
     ///
     /// # Errors
-    /// As [`zero_level_set`], but for a field without a surface: the step itself will say so.
+    /// As [`zero_level_set`], except that a field without a surface is no error here: the step itself fails on it.
     pub fn look(
         &mut self,
         field: &Field,
-        cloud: &[[f32; 3]],
+        denoised: &[[f32; 3]],
         min_part: f64,
         step: usize,
     ) -> Result<(), Error> {
-        let mesh = match zero_level_set(&|x: &[[f32; 3]]| field.sdf(x), cloud, RESOLUTION, min_part) {
+        let mesh = match zero_level_set(&|x: &[[f32; 3]]| field.sdf(x), denoised, RESOLUTION, min_part) {
             Ok(mesh) => mesh,
             Err(e) if e.kind() == ErrorKind::NoSurface => return Ok(()),
             Err(e) => return Err(e),
         };
-        let found = Bridges::over_gaps(&mesh, cloud);
+        let found = Bridges::over_gaps(&mesh, denoised);
         self.looked = step + 1;
         self.points.extend(found.points);
         self.depths.extend(found.depths);
@@ -142,18 +143,18 @@ mod tests {
         let on = |&(c, r): &(f32, f32)| {
             fibonacci_sphere(40).into_iter().map(move |p| [c + r * p[0], r * p[1], r * p[2]])
         };
-        let cloud: Vec<[f32; 3]> = balls.iter().flat_map(on).collect();
-        let options = NarrowBandOptions { seeds: &cloud, ..Default::default() };
+        let points: Vec<[f32; 3]> = balls.iter().flat_map(on).collect();
+        let options = NarrowBandOptions { seeds: &points, ..Default::default() };
         let mesh = extract_mesh(&grid, &mut eval, &options).unwrap();
         assert_eq!(mesh.topology().components, balls.len());
-        (mesh, cloud)
+        (mesh, points)
     }
 
     #[test]
     fn near_parts_are_joined_once_and_far_ones_are_not() {
         // Gaps of 0.04, 0.04 and 0.14; the points of a small ball are about 0.05 apart.
-        let (mesh, cloud) = balls(&[(-0.3, 0.15), (-0.03, 0.08), (0.17, 0.08), (0.47, 0.08)]);
-        let bridges = Bridges::over_gaps(&mesh, &cloud);
+        let (mesh, points) = balls(&[(-0.3, 0.15), (-0.03, 0.08), (0.17, 0.08), (0.47, 0.08)]);
+        let bridges = Bridges::over_gaps(&mesh, &points);
         assert_eq!((bridges.points.len(), bridges.depths.len()), (2 * POINTS, 2 * POINTS));
         let mut middles: Vec<f32> = Vec::new();
         for bridge in bridges.points.chunks(POINTS) {
@@ -170,8 +171,8 @@ mod tests {
 
     #[test]
     fn loose_parts_are_not_joined_to_each_other() {
-        let (mesh, cloud) = balls(&[(-0.3, 0.15), (0.2, 0.08), (0.4, 0.08)]);
-        assert_eq!(Bridges::over_gaps(&mesh, &cloud), Bridges::default());
+        let (mesh, points) = balls(&[(-0.3, 0.15), (0.2, 0.08), (0.4, 0.08)]);
+        assert_eq!(Bridges::over_gaps(&mesh, &points), Bridges::default());
     }
 
     proptest! {
@@ -197,12 +198,12 @@ mod tests {
             let clear = |i: usize| i == largest || radii[i] < 0.99 * radii[largest];
             prop_assume!((0..row.len()).all(clear));
             // The narrowest gaps are wider than a cube of the grid, so that no edge spans one.
-            let (mesh, cloud) = balls(&row);
+            let (mesh, points) = balls(&row);
             let right = (largest..row.len() - 1).take_while(|&i| near[i]);
             let left = (0..largest).rev().take_while(|&i| near[i]);
             let mut want: Vec<usize> = left.chain(right).collect();
             want.sort_unstable();
-            let bridges = Bridges::over_gaps(&mesh, &cloud);
+            let bridges = Bridges::over_gaps(&mesh, &points);
             let middle = |bridge: &[[f32; 3]]| bridge.iter().map(|p| p[0]).sum::<f32>() / POINTS as f32;
             let gap_at = |x: f32| (0..row.len() - 1).find(|&i| row[i].0 < x && x < row[i + 1].0).unwrap();
             let mut got: Vec<usize> = bridges.points.chunks(POINTS).map(|b| gap_at(middle(b))).collect();
@@ -213,8 +214,8 @@ mod tests {
 
     #[test]
     fn one_part_needs_no_bridge() {
-        let (mesh, cloud) = balls(&[(0.0, 0.3)]);
-        assert_eq!(Bridges::over_gaps(&mesh, &cloud), Bridges::default());
+        let (mesh, points) = balls(&[(0.0, 0.3)]);
+        assert_eq!(Bridges::over_gaps(&mesh, &points), Bridges::default());
     }
 
     #[test]

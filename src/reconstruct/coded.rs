@@ -1,4 +1,4 @@
-//! Points, S and grid vertices with their codes: what the paper's figures are drawn from.
+//! Denoised points, S and grid vertices with their codes: what the paper's figures are drawn from.
 
 use super::Phase;
 use super::band::ActiveBand;
@@ -15,7 +15,7 @@ use crate::geometry::nearest_points;
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Coded {
-    /// The points Q that the training works with, n x 3: without their noise, and thinned if there are many.
+    /// The denoised points Q, n x 3.
     pub points: Vec<[f64; 3]>,
     /// U(Q), their codes, n x 3.
     pub codes: Vec<[f32; 3]>,
@@ -35,8 +35,8 @@ pub struct Coded {
 /// not finite, it is as last computed, without codes.
 pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<ParameterizedSurface> {
     let map = state.map.as_ref()?;
-    // With all blocks by the same parameters; a large cloud's were computed at different steps.
-    let all = map.parameterize(&setup.working, &setup.blocks);
+    // All blocks by the same parameters; where there are several, those in the state are of different steps.
+    let all = map.parameterize(&setup.denoised, &setup.blocks);
     // Written so that NaN is refused.
     let near = |points: &[[f32; 3]]| points.as_flattened().iter().all(|x| x.abs() < MAX_COORDINATE);
     if near(&all.surface) && all.codes.as_ref().is_none_or(|codes| near(&codes.points)) {
@@ -45,7 +45,8 @@ pub(super) fn parameterized(setup: &Setup, state: &State) -> Option<Parameterize
     Some(ParameterizedSurface { surface: state.surface.clone(), codes: None, ..all })
 }
 
-/// Points, S and the vertices of the grid with their codes, by the parameters of a state; `None` without codes.
+/// Denoised points, S and the vertices of the grid with their codes, by the parameters of a state; `None` without
+/// codes.
 pub(super) fn coded(setup: &Setup, state: &State) -> Result<Option<Coded>, Error> {
     let Some(ParameterizedSurface { points, surface, codes: Some(codes) }) = parameterized(setup, state)
     else {
@@ -55,8 +56,8 @@ pub(super) fn coded(setup: &Setup, state: &State) -> Result<Option<Coded>, Error
         (Phase::Train, step) => step,
         _ => 0,
     };
-    let (cloud, rings) = (&setup.working, setup.config.band.rings);
-    let band = ActiveBand::find(&state.field, cloud, setup.resolution_at(step), rings, &|| false)?;
+    let (denoised, rings) = (&setup.denoised, setup.config.band.rings);
+    let band = ActiveBand::find(&state.field, denoised, setup.resolution_at(step), rings, &|| false)?;
     let [verts, moved] = TrainStep::new(setup, state, &band, step).moved_verts()?;
     let (nearest, _) = nearest_points(&moved, &surface);
     let place = |points: &[[f32; 3]]| setup.frame.place(points);

@@ -1,4 +1,5 @@
-//! The distance far from the cloud, where a network says nothing of use: that to the nearest point.
+//! The distance far from the input points, where the network's values mean nothing: the distance to the nearest of
+//! them.
 
 use crate::geometry::KdTree;
 
@@ -19,7 +20,7 @@ pub(super) fn radius(x: &[f64; 3]) -> f64 {
     most * x.iter().map(|v| (v / most).powi(2)).sum::<f64>().sqrt()
 }
 
-/// The share of the distance to the points in the value at a radius: 0 near the cloud, 1 far away, NaN for NaN.
+/// The share of the distance to the points in the value at a radius: 0 near the points, 1 far away, NaN for NaN.
 pub(super) fn share(radius: f64) -> f64 {
     let t = ((radius - BETWEEN[0]) / (BETWEEN[1] - BETWEEN[0])).clamp(0.0, 1.0);
     t * t * (3.0 - 2.0 * t)

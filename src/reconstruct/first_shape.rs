@@ -1,4 +1,4 @@
-//! What a run begins with: a shape found among the points, for the field to learn and for S to cover.
+//! The first shape: a closed mesh found among the working points, for the field to learn and for S to cover.
 
 use super::{Config, StartShape};
 use crate::error::Error;
@@ -11,11 +11,12 @@ use crate::start::{
 /// Radii of dipoles that are tried where `start.dipole_radius` is `None`, in neighbour spacings.
 const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 
-/// The most points for which all of them are tried.
+/// The most working points for which all of these radii are tried.
 const MAX_RADII_POINTS: usize = 1024;
 
-/// If the median indicator at the points ([`GaussField::at_points`]) is below this, the given normals point into the
-/// shape, as in a room scanned from inside: -1/2 if it is closed, -0.3 or so if half of it is missing, 0 for a sheet.
+/// If the median indicator at the working points ([`GaussField::at_points`]) is below this, the given normals point
+/// into the shape, as in a room scanned from inside: -1/2 if it is closed, -0.3 or so if half of it is missing, 0 for a
+/// sheet.
 const WITHIN: f32 = -0.1;
 
 /// The shape that a run begins with.
@@ -24,24 +25,24 @@ pub(super) struct FirstShape {
     pub mesh: TriangleMesh,
     /// The field's regression to it.
     pub fit: ShapeFit,
-    /// The cloud without its noise, if that is asked for and some was found; the shape was found for it then.
+    /// The denoised points, if option `denoise` is on and noise was found; the shape was then found for these.
     pub denoised: Option<Denoised>,
     /// The area of the shape, working frame.
     pub area: f64,
-    /// Its outward unit normals at the working points, n x 3.
+    /// Outward unit normals of the mesh nearest to the denoised points, n x 3.
     pub normals: Vec<[f32; 3]>,
     /// Whether the given normals point inward; the mesh then bounds the free space, not the solid.
     pub turned: bool,
 }
 
 impl FirstShape {
-    /// The shape for the points `given` (n x 3, working frame), with `normals` (n x 3, of unit length or zero) pointing
-    /// outward if there are some; `None` if the field starts as a sphere, which needs none.
+    /// The shape for the `working` points (n x 3, working frame), with `normals` at them (n x 3, of unit length or
+    /// zero) if the caller gave some; `None` if the field starts as a sphere, which needs no mesh.
     ///
     /// # Errors
     /// As [`gauss_shapes`].
     pub fn find(
-        given: &[[f32; 3]],
+        working: &[[f32; 3]],
         normals: Option<&[[f32; 3]]>,
         config: &Config,
     ) -> Result<Option<Self>, Error> {
@@ -50,36 +51,36 @@ impl FirstShape {
             return Ok(None);
         }
         let radii = match &start.dipole_radius {
-            // For large clouds no gain was measured that would be worth the time.
-            None if given.len() > MAX_RADII_POINTS => &DIPOLE_RADII[1..2],
+            // For more points no gain was measured that would be worth the time.
+            None if working.len() > MAX_RADII_POINTS => &DIPOLE_RADII[1..2],
             None => &DIPOLE_RADII[..],
             Some(radius) => std::slice::from_ref(radius),
         };
         let turned = normals
-            .is_some_and(|normals| GaussField::of_normals(given, normals, 1.0, seed).at_points() < WITHIN);
+            .is_some_and(|normals| GaussField::of_normals(working, normals, 1.0, seed).at_points() < WITHIN);
         let outward = normals.map(|normals| match turned {
             true => normals.iter().map(|n| n.map(|x| -x)).collect(),
             false => normals.to_vec(),
         });
         let sides = outward.as_deref();
-        let mut rough = gauss_shapes(given, sides, radii, start.regularity, seed)?;
-        let denoised = if config.denoise && DENOISED_POINTS.contains(&given.len()) {
-            let best = best_fitting(&rough, given, seed)?;
-            denoise(given, &TriangleBvh::new(&rough[best])?.normals_near(given))
+        let mut rough = gauss_shapes(working, sides, radii, start.regularity, seed)?;
+        let denoised = if config.denoise && DENOISED_POINTS.contains(&working.len()) {
+            let best = best_fitting(&rough, working, seed)?;
+            denoise(working, &TriangleBvh::new(&rough[best])?.normals_near(working))
         } else {
             None
         };
-        let cloud = denoised.as_ref().map_or(given, |denoised| &denoised.points);
+        let points = denoised.as_ref().map_or(working, |denoised| &denoised.points);
         let plates = match start.shape {
-            StartShape::Plate if cloud.len() <= MAX_PLATE_POINTS => plate_shapes(cloud, sides, &rough).ok(),
+            StartShape::Plate if points.len() <= MAX_PLATE_POINTS => plate_shapes(points, sides, &rough).ok(),
             _ => None,
         };
         let mesh = match plates {
-            Some(mut plates) => plates.swap_remove(best_fitting(&plates, cloud, seed)?),
+            Some(mut plates) => plates.swap_remove(best_fitting(&plates, points, seed)?),
             // Points that determine no surface of least bending still have the rough ones.
-            None => rough.swap_remove(best_fitting(&rough, cloud, seed)?),
+            None => rough.swap_remove(best_fitting(&rough, points, seed)?),
         };
-        let normals = TriangleBvh::new(&mesh)?.normals_near(cloud);
+        let normals = TriangleBvh::new(&mesh)?.normals_near(points);
         let (area, fit) = (mesh.topology().area, ShapeFit::new(&mesh, seed)?);
         Ok(Some(FirstShape { mesh, fit, denoised, area, normals, turned }))
     }
@@ -96,9 +97,9 @@ mod tests {
 
     #[test]
     fn normals_point_outward() {
-        let cloud = sphere(120);
-        let shape = FirstShape::find(&cloud, None, &Config::default()).unwrap().unwrap();
-        for (p, n) in cloud.iter().zip(&shape.normals) {
+        let working = sphere(120);
+        let shape = FirstShape::find(&working, None, &Config::default()).unwrap().unwrap();
+        for (p, n) in working.iter().zip(&shape.normals) {
             let cos: f32 = (0..3).map(|d| 2.0 * p[d] * n[d]).sum();
             assert!(cos > 0.95, "{p:?} {n:?}");
         }

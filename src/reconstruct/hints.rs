@@ -1,10 +1,10 @@
-//! What may be known of a cloud beside its points.
+//! What a caller may know of the input points besides their positions.
 
 use super::frame::WorkingFrame;
 use crate::geometry::Position;
 use crate::geometry::vec3::unit_vector;
 
-/// What a run is told beside points and options.
+/// What a run may be given besides input points and options.
 ///
 /// ```
 /// use bijective_sdf::geometry::AnalyticShape;
@@ -23,9 +23,9 @@ use crate::geometry::vec3::unit_vector;
 #[derive(Clone, Copy, Debug, Default)]
 #[non_exhaustive]
 pub struct Hints<'a> {
-    /// Normals at the points, n x 3, outward, of any length; one that is zero or not finite says nothing. They decide
-    /// inside and outside for the first shape and need not be exact: those of a surface seen from one side only, or of
-    /// one seen from within, are enough. Without a first shape (`start.shape` is `sphere`) they cannot be used.
+    /// Normals at the input points, n x 3, outward, of any length; one that is zero or not finite is ignored. They
+    /// decide inside and outside for the first shape and need not be exact: those of a surface seen from one side only,
+    /// or of one seen from within, are enough. Without a first shape (`start.shape` is `sphere`) they cannot be used.
     pub normals: Option<&'a [[f32; 3]]>,
     /// What the axes x, y and z are multiplied by for the work, where points lie closer along one direction than along
     /// others, as on slices: `[1.0, 1.0, 0.2]` for slices across z that are far apart. The result is in the frame of
@@ -34,7 +34,7 @@ pub struct Hints<'a> {
 }
 
 impl Hints<'_> {
-    /// The normals of the points that are `kept` (their numbers), in the working frame, of unit length or zero.
+    /// The normals of the input points that are `kept` (their indices), in the working frame, of unit length or zero.
     pub(super) fn unit_normals(&self, kept: &[u32], frame: &WorkingFrame) -> Option<Vec<[f32; 3]>> {
         let normals = self.normals?;
         let unit = |i: &u32| {

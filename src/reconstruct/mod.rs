@@ -1,9 +1,9 @@
-//! Training, from a cloud to a field and a mesh.
+//! Training, from input points to a field and a mesh.
 //!
 //! [`Config`] holds every option, [`reconstruct`] runs it all, [`Trainer`] does the same step by step and can be saved
 //! and resumed, and [`Reconstruction`] is the result. One step, in the words of the paper: the field g moves the active
 //! vertices V of a tetrahedral grid to V' (equation 4), marching tetrahedra take the surface from them, and L_deform
-//! (equation 5) draws it to the parameterized surface S, which L_para (equation 3) keeps at the points Q.
+//! (equation 5) draws it to the parameterized surface S, which L_para (equation 3) keeps at the denoised points Q.
 //!
 //! Two [phases](Phase) of quicker steps come first: the field learns a first shape, and S is trained alone.
 

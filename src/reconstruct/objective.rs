@@ -81,19 +81,19 @@ loss_terms! {
     });
     /// L_surf, the mean of |g| on the active grid vertices (equation 6).
     surf, " Default 0, paper 0.01.": |tape, inputs| Some(mean_abs(tape, inputs.field.sdf));
-    /// The mean of (|grad g| - 1)^2 on the active vertices, the cloud and bridges (Gropp et al. 2020).
+    /// The mean of (|grad g| - 1)^2 on the active vertices, the denoised points and bridges (Gropp et al. 2020).
     eikonal, " Default 0.001, paper 0.": |tape, inputs| Some(eikonal(tape, inputs.gradient));
     /// The mean squared uniform Laplacian of the extracted mesh.
     laplacian, " Default 0.01, paper 0.": |tape, inputs| Some(tape.laplacian(inputs.crossings, inputs.faces));
-    /// The mean of |g| on the cloud.
-    on_points, " Default 0.02, paper 0.": |tape, inputs| inputs.cloud_sdf.map(|sdf| mean_abs(tape, sdf));
+    /// The mean of |g| on the denoised points.
+    on_points, " Default 0.02, paper 0.": |tape, inputs| inputs.sdf_at_points.map(|sdf| mean_abs(tape, sdf));
     /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
     /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
     pull, " Default 0, paper 0.": |tape, inputs| {
         let verts = tape.value(inputs.field.points).to_points();
         Some(pull(tape, &verts, inputs.moved, inputs.target))
     };
-    /// The mean squared distance from each point of the cloud to the extracted surface.
+    /// The mean squared distance from each denoised point to the extracted surface.
     cover, " Default 1, paper 0.": |tape, inputs| Some(match inputs.tree {
         None => tape.chamfer(inputs.drawn, inputs.seen, Direction::BACKWARD),
         Some(tree) => surface_distance(tape, inputs.crossings, inputs.faces, tree, inputs.seen),
@@ -105,7 +105,8 @@ loss_terms! {
     bridge, " Default 0.01, paper 0.": |tape, inputs| inputs.bridges.map(|(sdf, depth)| inside(tape, sdf, depth));
 }
 
-/// The inputs of the loss terms, on the tape of a step.
+/// The inputs of the loss terms, on the tape of a step. The denoised points are the paper's Q; a step uses all of them
+/// or, if there are many, a part, the seen points (q).
 pub(super) struct TermInputs<'a> {
     /// Faces of the extracted surface, f x 3.
     pub faces: &'a [[u32; 3]],
@@ -113,13 +114,13 @@ pub(super) struct TermInputs<'a> {
     pub field: FieldVars,
     /// grad g wherever the step evaluates it.
     pub gradient: Var,
-    /// g at the seen points of the cloud, if a term asks for it.
-    pub cloud_sdf: Option<Var>,
-    /// g at the points of bridges and the depth that each is to have, if there are any.
+    /// g at the seen points, q x 1; `None` if no term needs it.
+    pub sdf_at_points: Option<Var>,
+    /// g at the points of bridges and the depth below 0 that each is to have (m x 1 each), if there are any.
     pub bridges: Option<(Var, Var)>,
     /// Moved vertices, v x 3.
     pub moved: Var,
-    /// Vertices of the extracted surface.
+    /// Vertices of the extracted surface, one for each edge that it crosses, e x 3.
     pub crossings: Var,
     /// The points from which distances of the extracted surface to others are measured: its vertices or samples on its
     /// faces.
@@ -127,27 +128,27 @@ pub(super) struct TermInputs<'a> {
     /// The tree over the faces of the extracted surface, if distances to it are measured to its faces (option
     /// `surface_samples`); `None` if they are measured to its vertices, as in the paper.
     pub tree: Option<&'a TriangleBvh>,
-    /// The points of the cloud Q that this step sees, q x 3.
+    /// The seen points, q x 3.
     pub seen: Var,
-    /// The points that the surface is drawn to, see [`target`].
+    /// The points that the surface is drawn to, m x 3, see [`target`].
     pub target: Var,
     /// L_para, in steps that train the parameterization.
     pub para: Option<Var>,
 }
 
 /// The points that the extracted surface is drawn to: S, or S and the seen points of Q, as `target` chooses; the seen
-/// points alone if there is no S.
+/// points (q x 3) alone if there is no S.
 pub(super) fn target(
     tape: &mut Tape,
     weights: &Weights,
     target: Target,
     surface: Option<Var>,
-    cloud: Var,
+    seen: Var,
 ) -> Var {
     match (surface, target) {
-        (None, _) => cloud,
+        (None, _) => seen,
         (Some(surface), Target::SurfaceAndCloud) if weights.deform > 0.0 || weights.pull > 0.0 => {
-            tape.concat_rows([surface, cloud])
+            tape.concat_rows([surface, seen])
         }
         (Some(surface), _) => surface,
     }

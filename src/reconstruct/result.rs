@@ -14,18 +14,18 @@ use crate::geometry::{
 use crate::io::GridValues;
 use rayon::prelude::*;
 
-/// A signed distance field, the parameterized surface and the cloud that both come from.
+/// A signed distance field, the parameterized surface S and the input points that both come from.
 ///
-/// All coordinates and distances are in the frame and units of the input points. Meshes, S and the cloud have 64 bits,
-/// distances and gradients the type of the points that they are asked for at; points far from the origin, such as those
-/// of maps, lose nothing, since the work is done about the middle of the cloud. [`offset`](Self::offset) says what to
-/// subtract where 32 bits have to do.
+/// All coordinates and distances are in the frame and units of the input points. Meshes, S and the input points have 64
+/// bits, distances and gradients the type of the places where they are evaluated; points far from the origin, such as
+/// those of maps, lose nothing, since the working frame is centred on the input points. [`offset`](Self::offset) gives
+/// what to subtract from coordinates that are to be stored in 32 bits.
 #[derive(Clone, Debug)]
 pub struct Reconstruction {
     pub(super) config: Config,
     pub(super) frame: WorkingFrame,
-    /// Distinct points, input frame.
-    pub(super) cloud: Vec<[f64; 3]>,
+    /// The input points, distinct and sorted, n x 3, input frame.
+    pub(super) input: Vec<[f64; 3]>,
     pub(super) shape: FinalShape,
     /// The corrections to the shape, if [`Config::finish`] asks for it and the points allow it.
     pub(super) finish: Option<Finish>,
@@ -40,7 +40,7 @@ pub struct Reconstruction {
 /// The cells of a graded mesh between neighbouring points.
 const CELLS_BETWEEN: f64 = 2.0;
 
-/// How far a grid of distances reaches beyond the cloud, working frame.
+/// How far a grid of distances reaches beyond the input points, as a share of their longest side.
 const BEYOND: f64 = 0.08;
 
 /// The step of central differences of the corrected distance, working frame.
@@ -57,8 +57,9 @@ impl Reconstruction {
 
     /// Signed distances at `points` (n x 3), negative inside, in the input's unit and of the points' width.
     ///
-    /// Accurate near the surface. Away from the cloud, from its longest side around its middle on, it gives way to the
-    /// distance to the nearest point, which is finite for every finite place and grows along every ray from the middle.
+    /// Accurate near the surface. Farther from the middle of the input points than about their longest side, it gives
+    /// way to the distance to the nearest of them, which is finite for every finite place and grows along every ray
+    /// from the middle.
     /// NaN at a place that is NaN, as is the gradient there.
     pub fn sdf<P: Position>(&self, points: &[P]) -> Vec<P::Scalar> {
         let places: Vec<[f64; 3]> = points.iter().map(|&p| self.frame.forward_wide(p)).collect();
@@ -88,7 +89,7 @@ impl Reconstruction {
             values[i] = f64::from(value);
         }
         if shares.iter().any(|&s| s > 0.0) {
-            let points = self.frame.forward(&self.cloud);
+            let points = self.frame.forward(&self.input);
             let tree = KdTree::new(&points);
             values.par_iter_mut().zip(places).zip(&shares).filter(|(_, s)| **s > 0.0).for_each(
                 |((value, x), share)| {
@@ -163,24 +164,24 @@ impl Reconstruction {
         }
         let beyond = rows(&|share| share == 1.0);
         if !beyond.is_empty() {
-            let cloud = self.frame.forward(&self.cloud);
-            let tree = KdTree::new(&cloud);
+            let points = self.frame.forward(&self.input);
+            let tree = KdTree::new(&points);
             for i in beyond {
-                gradients[i] = far::distance(&tree, &cloud, places[i]).1.map(|x| sign * x);
+                gradients[i] = far::distance(&tree, &points, places[i]).1.map(|x| sign * x);
             }
         }
         gradients
     }
 
     /// The zero level set as a closed mesh, from a grid of `resolution` cubes along each side of the cube around the
-    /// cloud. Parts below the share `min_component` of the largest part's area are left out.
+    /// input points. Parts below the share `min_component` of the largest part's area are left out.
     ///
     /// # Errors
     /// [`NoSurface`](crate::ErrorKind::NoSurface) if the field is nowhere negative on the grid,
     /// [`Config`](crate::ErrorKind::Config) for a resolution below 3 or beyond 32-bit vertex numbers,
     /// [`Diverged`](crate::ErrorKind::Diverged) if the field is not finite.
     pub fn mesh(&self, resolution: usize) -> Result<TriangleMesh<[f64; 3]>, Error> {
-        let seeds = self.frame.forward(&self.cloud);
+        let seeds = self.frame.forward(&self.input);
         let sdf = |x: &[[f32; 3]]| self.working_sdf(x);
         let mesh = zero_level_set(&sdf, &seeds, resolution, self.config.min_component)?;
         Ok(self.placed(mesh))
@@ -196,38 +197,38 @@ impl Reconstruction {
     }
 
     /// The zero level set as a closed mesh, from cells that are everywhere about half as large as the points lie apart
-    /// there: for large clouds, and those that are dense in one place and sparse in another. Parts are left out as from
-    /// [`mesh`](Self::mesh).
+    /// there: for many input points, and those that are dense in one place and sparse in another. Parts are left out as
+    /// from [`mesh`](Self::mesh).
     ///
     /// # Errors
     /// [`NoSurface`](crate::ErrorKind::NoSurface) if the field is nowhere negative on the grid,
     /// [`Diverged`](crate::ErrorKind::Diverged) if it is not finite, [`Config`](crate::ErrorKind::Config) if there are
     /// too many points for it.
     pub fn graded_mesh(&self) -> Result<TriangleMesh<[f64; 3]>, Error> {
-        let sizes = CellSizes::of_surface(&self.frame.forward(&self.cloud), CELLS_BETWEEN);
+        let sizes = CellSizes::of_surface(&self.frame.forward(&self.input), CELLS_BETWEEN);
         let [low, side] = WORKING_CUBE;
         let mesh = extract_graded_mesh([low; 3], side, &sizes, &mut |x| Ok(self.working_sdf(x)))?;
         Ok(self.placed(mesh.keep_large(self.config.min_component)))
     }
 
-    /// What to subtract from coordinates of this result so that 32 bits hold their detail: 0 for a cloud near the
-    /// origin, else round numbers near its middle, see [`Bounds::offset`].
+    /// What to subtract from coordinates of this result so that 32 bits hold their detail: 0 for input points near
+    /// the origin, else round numbers near its middle, see [`Bounds::offset`].
     pub fn offset(&self) -> [f64; 3] {
-        Bounds::of(&self.cloud).map_or([0.0; 3], |bounds| bounds.offset())
+        Bounds::of(&self.input).map_or([0.0; 3], |bounds| bounds.offset())
     }
 
-    /// Signed distances on a grid around the cloud, `cubes` along its longest side and as many as needed along the
-    /// others, which reaches beyond the cloud by 0.08 of the longest side everywhere.
+    /// Signed distances on a grid around the input points, `cubes` along its longest side and as many as needed along
+    /// the others, which reaches beyond the points by 0.08 of their longest side everywhere.
     ///
     /// # Panics
     /// If there are no cubes.
     #[track_caller]
     pub fn grid(&self, cubes: usize) -> GridValues {
         assert!(cubes > 0, "grid: no cubes");
-        // The cubes are those of the input's frame, also where that was stretched for the work. The cloud is not empty,
-        // finite and of some extent, so it has a frame and bounds.
-        let outer = Normalizer::of(&self.cloud).unwrap_or(Normalizer::identity());
-        let size = Bounds::of(&outer.forward(&self.cloud)).map_or([1.0; 3], |bounds| bounds.size());
+        // The cubes are those of the input's frame, also where that was stretched for the work. The input points are
+        // not empty, finite and of some extent, so they have a frame and bounds.
+        let outer = Normalizer::of(&self.input).unwrap_or(Normalizer::identity());
+        let size = Bounds::of(&outer.forward(&self.input)).map_or([1.0; 3], |bounds| bounds.size());
         let spacing = (1.0 + 2.0 * BEYOND) / cubes as f64;
         let size = size.map(|side| ((side + 2.0 * BEYOND) / spacing - 1e-6).ceil() as usize + 1);
         let low = size.map(|n| -0.5 * spacing * (n - 1) as f64);
@@ -246,25 +247,23 @@ impl Reconstruction {
         GridValues { origin: outer.inverse_wide(low), spacing: spacing * outer.scale(), size, values }
     }
 
-    /// The parameterized surface S, i x 3: what the patches of all points come to; empty without a
+    /// The parameterized surface S, i x 3: the patches of all denoised points, mapped to space; empty without a
     /// parameterization, or where nothing was trained ([`Config::train_up_to`]).
     pub fn surface_points(&self) -> Vec<[f64; 3]> {
         self.frame.place(&self.surface)
     }
 
-    /// How well S covers the points that the training worked with (without their noise, and thinned if there are many),
-    /// and its codes the sphere, in the working frame.
+    /// How well S covers the denoised points Q, and its codes the sphere, in the working frame.
     ///
     /// `None` without a parameterization or a training ([`Config::train_up_to`]), and for a result that was loaded from
-    /// a file: its field is all that there is of the training. A checkpoint has the state that this follows from;
-    /// resume it and finish.
+    /// a file, which does not hold the parameterization. A checkpoint does: resume it and finish.
     pub fn coverage(&self) -> Option<&Coverage> {
         self.coverage.as_ref()
     }
 
-    /// The distinct points it was made from, n x 3, as given but ordered by their coordinates.
-    pub fn cloud(&self) -> &[[f64; 3]] {
-        &self.cloud
+    /// The input points, n x 3, input frame: those that were given, without duplicates, ordered by their coordinates.
+    pub fn input_points(&self) -> &[[f64; 3]] {
+        &self.input
     }
 
     /// What a user should know of the file that it was loaded from, such as options that this version does not have;

@@ -6,14 +6,14 @@ use crate::error::{Error, ErrorKind};
 use crate::geometry::Position;
 use std::ops::ControlFlow;
 
-/// What a run tells while it goes.
+/// What a run reports to its observer.
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum Event<'a> {
-    /// The cloud was accepted; the shape that the field learns first is found next, which takes up to some seconds
-    /// for thousands of points.
+    /// The input points were accepted; the shape that the field learns first is found next, which takes up to some
+    /// seconds for thousands of points.
     Started {
-        /// Distinct points.
+        /// Distinct input points.
         points: usize,
         /// Points left out because an earlier one lies at the same place.
         merged: usize,
@@ -42,7 +42,7 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// The result, or what there is of it.
+    /// The result: final if all steps are done, else that of the trainer's present state.
     pub fn finish(self) -> Reconstruction {
         match self {
             Outcome::Done(result) => *result,
@@ -54,7 +54,7 @@ impl Outcome {
 /// Reconstructs the surface that `points` (n x 3, any frame, of 32 or 64 bits) were taken from.
 ///
 /// The order of the points makes no difference. Coordinates may be large or small and far from the origin: the work is
-/// done about the middle of the cloud.
+/// done in the working frame, which is centred on the points.
 ///
 /// # Errors
 /// [`ErrorKind::Data`] for unusable points, [`ErrorKind::Config`] for unusable options, [`ErrorKind::NoSurface`] if no
@@ -67,21 +67,21 @@ pub fn reconstruct<P: Position>(points: &[P], config: &Config) -> Result<Reconst
 /// [`reconstruct`] with an observer, which sees every event and ends the run by returning [`ControlFlow::Break`].
 ///
 /// # Errors
-/// As [`reconstruct`], and [`ErrorKind::Cancelled`] if the observer stopped the run at [`Event::Started`], before there
-/// was anything.
+/// As [`reconstruct`], and [`ErrorKind::Cancelled`] if the observer stopped the run at [`Event::Started`], when there
+/// is no state to return yet.
 pub fn reconstruct_with<P: Position>(
     points: &[P],
     config: &Config,
     observer: &mut dyn FnMut(&Event<'_>) -> ControlFlow<()>,
 ) -> Result<Outcome, Error> {
-    // Options are checked and adapted, duplicates merged, and the working frame is laid around the points.
+    // Options are checked and adapted, duplicates merged, and the working frame is laid around the input points.
     let prepared = prepare(points, config, &Hints::default())?;
     let (points, total_steps) = (prepared.input.len(), prepared.config.total_steps());
     if observer(&Event::Started { points, merged: prepared.merged, total_steps }).is_break() {
         return Err(Error::new(ErrorKind::Cancelled, "the run was cancelled before its first step"));
     }
-    // A large cloud is thinned, the first shape is found among the points, and the points lose their noise; field and
-    // map get their initial weights.
+    // The input points become the working points (many are thinned), the first shape is found among these, and their
+    // noise is taken off, which leaves the denoised points; field and map get their initial weights.
     let mut trainer = Trainer::from_prepared(prepared)?;
     // The field learns the first shape (`phases::start`), S learns to cover it (`phases::pretrain`), and both are
     // trained together with the grid (`phases::train`).
@@ -99,6 +99,6 @@ pub fn reconstruct_with<P: Position>(
             return Ok(Outcome::Stopped(Box::new(trainer)));
         }
     }
-    // The field is corrected at the points, where it should be 0 (`finish`).
+    // The field is corrected at the denoised points, where it should be 0 (`finish`).
     Ok(Outcome::Done(Box::new(trainer.finish())))
 }

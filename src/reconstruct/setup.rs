@@ -1,4 +1,4 @@
-//! Preparation of a run: from the given points to the first state.
+//! Preparation of a run: from the input points to the first state.
 
 use super::first_shape::FirstShape;
 use super::frame::WorkingFrame;
@@ -9,19 +9,19 @@ use crate::bsp::{Neighbourhood, SurfaceMap};
 use crate::error::{Error, ErrorKind};
 use crate::field::Field;
 use crate::gdo::Deformation;
-use crate::geometry::{Position, TetGrid, clean_cloud, evened, thin_cloud};
+use crate::geometry::{Position, TetGrid, clean_cloud, evened, thin_points};
 use crate::random::Random;
 use crate::start::resolution_for_area;
 use rand::seq::SliceRandom;
 
-/// The stream of random numbers that orders the cloud; weights take stream 0, training step i takes i + 1.
+/// The stream of random numbers that orders the denoised points; weights take stream 0, training step i takes i + 1.
 const ORDER_STREAM: u64 = u64::MAX;
-/// Points from which on a cloud of lines is made even.
+/// The fewest input points that are made even if they lie on scan lines.
 const MIN_EVENED: usize = 2000;
-/// The fewest points that a cloud is thinned to.
+/// The fewest points that thinning may leave; otherwise all are kept.
 const MIN_THINNED: usize = 64;
 
-/// A checked cloud and the options for it.
+/// Checked input points and the options for them.
 pub(super) struct Prepared {
     /// Adapted to the number of points.
     pub config: Config,
@@ -66,21 +66,23 @@ pub(super) fn prepare<P: Position>(
     })
 }
 
-/// What a run works on. It follows from the input points and the options; no step changes it.
+/// The part of a run that no step changes. It follows from the input points, the options and the hints.
 pub(super) struct Setup {
     pub config: Config,
     /// The input points, distinct and sorted, input frame.
     pub input: Vec<[f64; 3]>,
-    /// Their normals, if given, n x 3; a checkpoint knows them again.
+    /// Their normals, if given, n x 3, of unit length or zero; a checkpoint stores a fingerprint of them.
     #[cfg(feature = "checkpoint")]
     pub normals: Option<Vec<[f32; 3]>>,
     pub frame: WorkingFrame,
-    /// The working points, n x 3, working frame: the input points, made even if a scanner left them in lines,
-    /// thinned if there are many, and without the noise that was found.
-    pub working: Vec<[f32; 3]>,
-    /// A permutation of the working points (n), in which steps go through a cloud that is too large for one.
+    /// The denoised points, n x 3, working frame: the working points (the input points, made even if they lie on scan
+    /// lines, and thinned if there are many) without the noise that was found; the working points themselves if none
+    /// was.
+    pub denoised: Vec<[f32; 3]>,
+    /// A permutation of the denoised points (n): if there are more than one step may use, steps take consecutive parts
+    /// of it.
     pub order: Vec<u32>,
-    /// The parts in which S is made; none without a map.
+    /// The parts of the denoised points for each of which S is computed at a time; none without a map.
     pub blocks: Vec<Neighbourhood>,
     /// The shape that the field learns first; none where it starts as a sphere.
     pub shape: Option<FirstShape>,
@@ -89,38 +91,38 @@ pub(super) struct Setup {
 }
 
 impl Setup {
-    /// Thins the cloud, finds the first shape and the points without their noise, and builds field, map and blocks on
-    /// them.
+    /// Makes the working points of the input points, finds the first shape and the denoised points, and builds field,
+    /// map and blocks for the denoised points.
     ///
     /// # Errors
     /// [`ErrorKind::NoSurface`](crate::ErrorKind::NoSurface) if no first shape is found.
     pub fn new(prepared: Prepared) -> Result<(Setup, State), Error> {
         let Prepared { config, input, normals, frame, .. } = prepared;
         let (all, normals_of_all) = evenly(frame.forward(&input), normals.as_deref());
-        let (given, sides) = match thinned(&all, &config) {
+        let (working, sides) = match thinned(&all, &config) {
             Some(kept) => {
                 let of = |rows: &[[f32; 3]]| kept.iter().map(|&i| rows[i as usize]).collect::<Vec<_>>();
                 (of(&all), normals_of_all.as_deref().map(of))
             }
             None => (all, normals_of_all),
         };
-        let shape = FirstShape::find(&given, sides.as_deref(), &config)?;
-        let denoised = shape.as_ref().and_then(|shape| shape.denoised.as_ref());
-        let cloud = denoised.map_or(given, |denoised| denoised.points.clone());
+        let shape = FirstShape::find(&working, sides.as_deref(), &config)?;
+        let found = shape.as_ref().and_then(|shape| shape.denoised.as_ref());
+        let denoised = found.map_or(working, |found| found.points.clone());
 
         let mut rng = Random::new(config.seed);
         let field = initial_field(&config, &mut rng);
-        let map = SurfaceMap::new(config.parameterization, config.bsp, &cloud, &mut rng);
-        let mut order: Vec<u32> = (0..cloud.len() as u32).collect();
+        let map = SurfaceMap::new(config.parameterization, config.bsp, &denoised, &mut rng);
+        let mut order: Vec<u32> = (0..denoised.len() as u32).collect();
         rng.set_stream(ORDER_STREAM);
         order.shuffle(rng.source());
 
         let outward = shape.as_ref().map(|shape| &shape.normals[..]);
         let size = config.batch.centres;
-        let blocks = map.as_ref().map_or_else(Vec::new, |map| map.blocks(&cloud, outward, size));
-        let points_of_s = map.as_ref().map_or(0, |map| map.surface_len(cloud.len()));
+        let blocks = map.as_ref().map_or_else(Vec::new, |map| map.blocks(&denoised, outward, size));
+        let points_of_s = map.as_ref().map_or(0, |map| map.surface_len(denoised.len()));
         let samples = match &shape {
-            Some(shape) => Some(ShapeSamples::of(&shape.mesh, &cloud, points_of_s, config.seed)?),
+            Some(shape) => Some(ShapeSamples::of(&shape.mesh, &denoised, points_of_s, config.seed)?),
             None => None,
         };
         let state = State::new(field, map, points_of_s);
@@ -130,7 +132,7 @@ impl Setup {
             #[cfg(feature = "checkpoint")]
             normals,
             frame,
-            working: cloud,
+            denoised,
             order,
             blocks,
             shape,
@@ -153,19 +155,20 @@ impl Setup {
         usual.map_or(resolution, |usual| resolution_for_area(resolution, area, usual))
     }
 
-    /// How far the working points were moved to take their noise off: the root of the mean square, working frame.
+    /// The root mean square of the distances from the working points to the denoised points, working frame; 0 if no
+    /// noise was found.
     pub fn noise_removed(&self) -> f64 {
         let denoised = self.shape.as_ref().and_then(|shape| shape.denoised.as_ref());
         denoised.map_or(0.0, |denoised| denoised.moved)
     }
 }
 
-/// A large cloud with means in place of points that lie close to each other along lines, and the given normals of its
-/// points.
-fn evenly(cloud: Vec<[f32; 3]>, normals: Option<&[[f32; 3]]>) -> (Vec<[f32; 3]>, Option<Vec<[f32; 3]>>) {
-    let found = if cloud.len() >= MIN_EVENED { evened(&cloud) } else { None };
+/// Points (n x 3, working frame) with means in place of those that lie close to each other along scan lines, if there
+/// are many, and the normals of the points that this leaves.
+fn evenly(points: Vec<[f32; 3]>, normals: Option<&[[f32; 3]]>) -> (Vec<[f32; 3]>, Option<Vec<[f32; 3]>>) {
+    let found = if points.len() >= MIN_EVENED { evened(&points) } else { None };
     match found {
-        None => (cloud, normals.map(<[_]>::to_vec)),
+        None => (points, normals.map(<[_]>::to_vec)),
         Some(even) => {
             let normals = normals.map(|normals| even.directions(normals));
             (even.points, normals)
@@ -173,14 +176,14 @@ fn evenly(cloud: Vec<[f32; 3]>, normals: Option<&[[f32; 3]]>) -> (Vec<[f32; 3]>,
     }
 }
 
-/// The points of a large cloud that training works with, by their numbers; `None` for all.
-fn thinned(cloud: &[[f32; 3]], config: &Config) -> Option<Vec<u32>> {
+/// The indices of those of many points (n x 3, working frame) that become working points; `None` for all.
+fn thinned(points: &[[f32; 3]], config: &Config) -> Option<Vec<u32>> {
     let finest = config.stages.iter().map(|s| s.resolution).max();
     let grid = finest.and_then(|resolution| TetGrid::working_frame(resolution).ok());
     match (grid, config.batch.thin) {
-        (Some(grid), Some(cubes)) if cloud.len() > config.batch.points => {
-            let kept = thin_cloud(cloud, cubes * grid.spacing());
-            // A dense heap with a far outlier would become a few points: it is left whole.
+        (Some(grid), Some(cubes)) if points.len() > config.batch.points => {
+            let kept = thin_points(points, cubes * grid.spacing());
+            // A dense heap with a far outlier would become a few points: then all points are kept.
             (kept.len() >= MIN_THINNED).then_some(kept)
         }
         _ => None,

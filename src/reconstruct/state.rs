@@ -15,12 +15,12 @@ pub(super) struct State {
     pub step: usize,
     pub field: Field,
     pub field_adam: Adam,
-    /// The map from the working points to S; none without a parameterization.
+    /// The map from the denoised points to S; none without a parameterization.
     pub map: Option<SurfaceMap>,
     pub map_adam: Option<Adam>,
     /// S as last computed, working frame; empty without a map, zeros before the training proper.
     pub surface: Vec<[f32; 3]>,
-    /// Points that are to be inside, so that near parts of the surface stay joined.
+    /// Points that the loss draws inside the surface, so that near parts of it stay joined.
     pub bridges: Bridges,
 }
 

@@ -18,7 +18,7 @@ const KEEP_EVERY: usize = 20;
 /// Training in progress.
 ///
 /// One at a time, [`step`](Self::step) by step; [`reconstruct`](super::reconstruct) is the loop around it. The same
-/// cloud and options give the same bytes for any number of threads.
+/// input points and options give the same bytes for any number of threads.
 pub struct Trainer {
     pub(super) setup: Setup,
     pub(super) state: State,
@@ -33,8 +33,8 @@ pub struct Trainer {
 }
 
 impl Trainer {
-    /// Training for the cloud `points` (n x 3, any frame, of 32 or 64 bits): checks the cloud and finds the shape that
-    /// the field is to learn first. All learning is left to the steps.
+    /// Training for the input `points` (n x 3, any frame, of 32 or 64 bits): checks them and finds the shape that the
+    /// field is to learn first. All learning is left to the steps.
     ///
     /// # Errors
     /// [`ErrorKind::Config`] for unusable options, [`ErrorKind::Data`] for unusable points, [`ErrorKind::NoSurface`] if
@@ -43,7 +43,7 @@ impl Trainer {
         Self::with_hints(points, config, &Hints::default())
     }
 
-    /// The same for a cloud of which more is known than the points, such as normals.
+    /// The same with [`Hints`]: what is known of the input points besides their positions, such as normals.
     ///
     /// # Errors
     /// As [`new`](Self::new); [`ErrorKind::Config`] also for normals with `start.shape = sphere`.
@@ -79,7 +79,7 @@ impl Trainer {
         Ok(done.expect("nobody stops it"))
     }
 
-    /// Like [`step`](Self::step), but calls `stop` between the parts of the step, which take long for a large cloud or
+    /// Like [`step`](Self::step), but calls `stop` between the parts of the step, which take long for many points or
     /// a fine grid: the search for the surface (grid cube by grid cube), the field's values, the loss, its gradients.
     /// If `stop` returns true, the step is abandoned, the state is unchanged and `None` is returned.
     ///
@@ -104,7 +104,7 @@ impl Trainer {
                 Err(error) => error,
             };
             if error.kind() == ErrorKind::Cancelled {
-                // They were looked for at the beginning of the step.
+                // The abandoned step may have added bridges at its beginning.
                 self.state.bridges = bridges;
                 self.work.clear();
                 return Ok(None);
@@ -207,8 +207,8 @@ impl Trainer {
         &self.setup.config
     }
 
-    /// How far the points were moved to take their noise off: the root of the mean square, in the unit of the input; 0
-    /// if they were left alone (see [`Config::denoise`]).
+    /// The root mean square of the distances from the working points to the denoised points, in the unit of the input;
+    /// 0 if no noise was found (see [`Config::denoise`]).
     pub fn noise_removed(&self) -> f64 {
         self.setup.noise_removed() * self.setup.frame.scale()
     }
@@ -223,8 +223,8 @@ impl Trainer {
         self.last_recovery.as_deref()
     }
 
-    /// Points, S and the vertices of the grid with their codes, by the present parameters; `None` if there are no
-    /// codes, which only [`Parameterization::Bsp`](crate::bsp::Parameterization::Bsp) has.
+    /// Denoised points, S and the vertices of the grid with their codes, by the present parameters; `None` if there are
+    /// no codes, which only [`Parameterization::Bsp`](crate::bsp::Parameterization::Bsp) has.
     ///
     /// # Errors
     /// [`ErrorKind::NoSurface`] if the field has no zero level on the grid, [`ErrorKind::Diverged`] if it is not
@@ -250,7 +250,7 @@ impl Trainer {
         };
         let shape = found.map_or(FinalShape::Learned(state.field), FinalShape::Found);
         let mut notices = Vec::new();
-        let finish = shape.finished_for(&setup.working, &setup.config).unwrap_or_else(|e| {
+        let finish = shape.finished_for(&setup.denoised, &setup.config).unwrap_or_else(|e| {
             notices.push(format!("the field is left as it is at the points (finish=points): {e}"));
             None
         });
@@ -259,7 +259,7 @@ impl Trainer {
             surface: parameterized.map_or_else(Vec::new, |p| p.surface),
             config: setup.config,
             frame: setup.frame,
-            cloud: setup.input,
+            input: setup.input,
             shape,
             finish,
             turned,
@@ -274,7 +274,7 @@ fn look_for_gaps(setup: &Setup, state: &mut State, step: usize) -> Result<(), Er
     if config.weights.bridge == 0.0 || !state.bridges.are_due(step, config.steps_in(Phase::Train)) {
         return Ok(());
     }
-    state.bridges.look(&state.field, &setup.working, config.min_component, step)
+    state.bridges.look(&state.field, &setup.denoised, config.min_component, step)
 }
 
 /// The active part of the grid for a step of the training, and whether it was searched for just now: every few steps,
@@ -303,5 +303,5 @@ pub(super) fn find_band(
     resolution: usize,
     stop: Stop<'_>,
 ) -> Result<ActiveBand, Error> {
-    ActiveBand::find(&state.field, &setup.working, resolution, setup.config.band.rings, stop)
+    ActiveBand::find(&state.field, &setup.denoised, resolution, setup.config.band.rings, stop)
 }

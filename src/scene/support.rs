@@ -204,7 +204,7 @@ mod tests {
         assert!(far.iter().all(|gap| (2.9..3.4).contains(gap)), "{far:?}");
     }
 
-    /// A scatter beside a surface, each point of it far from all others, does not speak for what is among it.
+    /// A scatter beside a surface, each point of it far from all others, does not support the places among its points.
     #[test]
     fn a_scatter_is_no_surface() {
         let mut points = fibonacci_sphere(500);

@@ -8,11 +8,11 @@ use crate::geometry::{
 };
 use rayon::prelude::*;
 
-/// Cubes along each side of the grid that the Gauss formula's surface is taken from, for clouds of few points.
+/// Cubes along each side of the grid that the Gauss formula's surface is taken from, for few points.
 const GAUSS_RESOLUTION: usize = 48;
 /// The most points that are few.
 const FEW_POINTS: usize = 1024;
-/// The same cubes for larger clouds: sheets that are thin against the cubes come out in shreds (`benches/accuracy.md`,
+/// The same cubes for more points: sheets that are thin against the cubes come out in shreds (`benches/accuracy.md`,
 /// constants).
 const GAUSS_FINE_RESOLUTION: usize = 96;
 /// Points for which these grids, and that of one thin plate, are fine enough on a surface of usual area: they lie 2.4
@@ -21,10 +21,10 @@ const POINTS_SERVED: f64 = 1200.0;
 /// Cubes along each side of the lattice on which the search for a surface starts. Parts of the surface that are smaller
 /// than such a cube, near no point and joined to no part that is, may be missed, and are not wanted.
 pub(crate) const COARSE: usize = 16;
-/// Samples of a surface that say how far it is from the points.
+/// Samples of a surface over which its mean distance to the points is taken.
 const MISFIT_SAMPLES: usize = 4096;
-/// Weight of the distance from the points to the surface beside that from the surface to the points; 2 to 8 choose
-/// about alike.
+/// Weight of the distance from the points to the surface, where that from the surface to the points has weight 1;
+/// weights of 2 to 8 choose about the same surfaces.
 const MISFIT_OF_POINTS: f64 = 4.0;
 /// Parts of a first shape below this share of the largest one's area are left out.
 pub(super) const MIN_PART: f64 = 0.02;
@@ -42,7 +42,7 @@ pub(super) fn fine_enough(usual: usize, area: f64, n: usize) -> usize {
 
 /// The surface that the parametric Gauss formula finds among `points` (n x 3, working frame), without its small parts;
 /// taken from a grid of 48 cubes a side for up to 1,024 points, of 96 for more, and from a finer one if it has little
-/// area for so many points ([`resolution_for_area`]).
+/// area for the number of points ([`resolution_for_area`]).
 ///
 /// `radius`, `regularity` and `seed` are those of [`GaussField::fit`]; with `normals` (n x 3) it is the surface of
 /// [`GaussField::of_normals`].
@@ -88,7 +88,7 @@ pub fn gauss_shape(
 /// The shapes that [`gauss_shape`] finds among `points` (n x 3, working frame) with several `radii` of the
 /// dipoles (in neighbour spacings of the points), in their order, without those that it fails for.
 ///
-/// No radius suits every cloud. A small one keeps sheets apart that lie close together, a large one closes what sparse
+/// No radius suits all points. A small one keeps sheets apart that lie close together, a large one closes what sparse
 /// points leave open.
 ///
 /// # Errors

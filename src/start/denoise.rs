@@ -1,4 +1,4 @@
-//! Noisy points moved onto a smooth surface near them, in five steps:
+//! From working points to denoised points: noisy points are moved onto a smooth surface near them, in five steps:
 //!
 //! 1. *Forecast*: a thin plate through all other points predicts each point, without smoothing and with several
 //!    smoothings ([`forecasts`]).
@@ -11,8 +11,8 @@
 //!
 //! The surface is a smoothing thin plate: the one of least bending that may miss the points (see
 //! [`ThinPlate`](super::ThinPlate)). How far it may is chosen by how probable each point is, given all others: as a
-//! Gaussian process a thin plate says not only where a point should be, but also how sure of that it is. Exact points
-//! that lie close together are foreseen well; noise shows in them first.
+//! Gaussian process a thin plate gives not only the expected place of a point, but also the variance of that. Exact
+//! points that lie close together are predicted well; noise shows in them first.
 
 use super::forecast::{Forecast, covariances, forecasts};
 use super::plate::{MAX_CENTRES, System, directions};
@@ -21,7 +21,7 @@ use nalgebra::Matrix4;
 use rayon::prelude::*;
 use std::ops::RangeInclusive;
 
-/// The sizes of clouds that [`denoise`] looks at: smaller ones say too little, for larger ones it is too slow.
+/// The numbers of points for which [`denoise`] looks for noise: fewer allow no estimate, for more it is too slow.
 pub const DENOISED_POINTS: RangeInclusive<usize> = 50..=MAX_CENTRES;
 /// Smoothing parameters tried, from one that follows the points to one that leaves detail out; on top of the 1e-6 that
 /// every thin plate has, so that points close together leave it solvable.
@@ -31,7 +31,7 @@ const SMOOTHINGS: [f64; 7] = [1e-6, 3e-6, 1e-5, 3e-5, 1e-4, 3e-4, 1e-3];
 /// normals from one that is too smooth are wrong on thin parts. Hence from smooth to close.
 const REFERENCES: [usize; 3] = [6, 4, 2];
 /// Standard errors by which the best smoothing must predict better than none. Not a level of significance, as the best
-/// of several is taken; how often exact clouds pass it is in `benches/method.md`.
+/// of several is taken; how often exact points pass it is in `benches/method.md`.
 const MIN_STANDARD_ERRORS: f64 = 3.0;
 /// Noise, as estimated (standard deviation, working frame), that is worth taking off; less may be detail. Estimates are
 /// rather low, for the normals take some of it.
@@ -43,16 +43,16 @@ const MAX_ROUNDS: usize = 4;
 /// The median of the square of a standard normal number.
 const MEDIAN_SQUARE: f64 = 0.4549;
 
-/// A cloud without its noise.
+/// The denoised points.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Denoised {
-    /// The points, moved (n x 3, working frame).
+    /// The points, n x 3, working frame, in the order of the working points.
     pub points: Vec<[f32; 3]>,
-    /// The root of the mean square of the moves.
+    /// The root mean square of the distances from the working points to them, working frame.
     pub moved: f64,
 }
 
-/// The points (n x 3, working frame) without their noise, given rough outward normals (n x 3).
+/// The working points (n x 3, working frame) without their noise, given rough outward normals (n x 3).
 ///
 /// Each point is predicted from all others by a thin plate through them and by smoothing ones with parameters from 1e-6
 /// to 1e-3, all with the normals of the one with 1e-3; where that finds no noise, of 1e-4, then of 1e-5. They are
@@ -64,11 +64,11 @@ pub struct Denoised {
 ///
 /// If the best mean is above that without smoothing by three standard errors of the difference, the least smooth plate
 /// whose mean is within one standard error of the best is chosen, provided that the noise it stands for is at least
-/// 0.003: the root of its parameter times the amplitude that most points speak for. With its own normals it is chosen
+/// 0.003: the root of its parameter times the most probable amplitude. With its own normals it is chosen
 /// again, until it stays the same, up to four times, or no noise is found with them; then the last choice stands. The
 /// points move onto that plate; if that would be by more than the noise (root of the mean square), onto the smoothest
-/// one to which they move by less. In all other cases, and for clouds whose size is not in [`DENOISED_POINTS`], the
-/// points stay where they are, and there is `None`.
+/// one to which they move by less. In all other cases, and for numbers of points not in [`DENOISED_POINTS`], the
+/// result is `None`: the denoised points are then the working points.
 ///
 /// # Panics
 /// If there is not one normal a point.
@@ -145,8 +145,8 @@ fn on_surface(system: &System, points: &[[f32; 3]], centres: &[[f64; 3]], gradie
 }
 
 /// The standard deviation of the noise that a smoothing parameter stands for: a value of variance `smoothing` for a
-/// plate of unit amplitude, times the amplitude that its forecasts speak for. That is taken from their median, for
-/// edges, too, are foreseen badly.
+/// plate of unit amplitude, times the amplitude estimated from its forecasts: from the median of their squared errors,
+/// because points at edges are predicted badly even without noise.
 fn noise(smoothing: f64, forecasts: &[Forecast]) -> f64 {
     let squares: Vec<f64> = forecasts.iter().map(|f| f.error.powi(2) / f.variance).collect();
     let amplitude = median(squares) / MEDIAN_SQUARE;

@@ -18,21 +18,22 @@ const BATCH: usize = 2048;
 const SPREADS: [f32; 2] = [0.015, 0.08];
 /// The least factor of these deviations, that of the smallest surfaces.
 const MIN_SPREAD: f64 = 0.25;
-/// Half the side of the cube that points anywhere are drawn from (working frame; the cloud reaches to 0.5).
+/// Half the side of the cube that the points far from the mesh are drawn from (working frame; the input reaches to
+/// 0.5).
 const BOX: f32 = 0.6;
-/// Weight of |grad g - n|^2 beside |g - d|.
+/// Weight of |grad g - n|^2, where |g - d| has weight 1.
 const NORMAL_WEIGHT: f32 = 0.01;
 
 /// The regression of a field to the signed distance of a closed mesh, step by step.
 ///
 /// 20,480 points are drawn near the mesh, nearer to one of small area, and in the cube around it; a step takes the next
-/// 2,048 of them, round and round. A point's distance is computed when a step first asks for it. Nothing else changes
+/// 2,048 of them, round and round. A batch's distances are computed when a step first needs them. Nothing else changes
 /// from step to step, so the same mesh and seed give the same steps again.
 #[derive(Clone, Debug)]
 pub struct ShapeFit {
     tree: TriangleBvh,
     points: Vec<[f32; 3]>,
-    /// What the field is to be at each batch of points, as far as it has been asked for.
+    /// The distances and gradients that the field is to have at each batch of points; set when a step first needs them.
     targets: Vec<OnceLock<Targets>>,
 }
 
@@ -43,7 +44,7 @@ struct Targets {
     normals: Vec<[f32; 3]>,
 }
 
-/// What a step of [`ShapeFit`] comes to.
+/// The loss of a step of [`ShapeFit`] and its gradients.
 #[derive(Clone, Debug)]
 pub struct ShapeFitStep {
     /// The mean of |g - d| plus 0.01 times the mean of |grad g - grad d|^2, d the distance to the mesh.

@@ -1,4 +1,4 @@
-//! Leave-one-out forecasts: what a thin plate through all other points of a cloud predicts at each point.
+//! Leave-one-out forecasts: what a thin plate through all other points predicts at each point.
 
 use super::plate::System;
 use nalgebra::{DVector, Matrix4, Vector3, Vector4};

@@ -17,7 +17,7 @@ use crate::linalg::Symmetric;
 use crate::simd::kernel;
 use rayon::prelude::*;
 
-/// Sources at most; larger clouds are thinned to evenly spread points, for the system costs O(n^3). More do not help.
+/// Sources at most; more points are thinned to evenly spread ones, for the system costs O(n^3). More do not help.
 const MAX_SOURCES: usize = 1500;
 /// Radius of a dipole at least (working frame): points closer than f32 can tell apart have a neighbour
 /// spacing of 0.
@@ -26,9 +26,9 @@ const MIN_RADIUS: f64 = 1e-6;
 /// a dipole, without which the diagonal of the system could vanish.
 const MIN_AREA: f64 = 1e-6;
 /// The number of nearest points, itself among them, that the neighbour spacing of a point is averaged over for the area
-/// that says how strong a dipole is expected to be: that of a single point of an even cloud scatters. Given normals are
-/// weighted by the areas of single points, as one that lies alone does stand for more (`benches/accuracy.md`,
-/// constants).
+/// that says how strong a dipole is expected to be: that of a single one of evenly spread points scatters. Given
+/// normals are weighted by the areas of single points, as one that lies alone does stand for more
+/// (`benches/accuracy.md`, constants).
 const AVERAGED: usize = 16;
 /// Points evaluated at a time by one thread.
 const CHUNK: usize = 512;
@@ -184,8 +184,8 @@ struct Areas {
 }
 
 impl Areas {
-    /// Of `points` (n x 3): squares of their neighbour `spacing` (n), which is first averaged over so many nearest
-    /// points, itself among them. All alike if the points all coincide.
+    /// Of `points` (n x 3): squares of their neighbour `spacing` (n), which is first averaged over the `averaged`
+    /// nearest points, itself among them. All alike if the points all coincide.
     fn of(points: &[[f32; 3]], spacing: &[f64], averaged: usize) -> Self {
         let mean = spacing.iter().sum::<f64>() / spacing.len() as f64;
         if mean <= 0.0 {

@@ -1,5 +1,5 @@
-//! The surface of least bending through the points of a cloud, whatever their number: one thin plate, or for more
-//! points than that can have, one of each part of the cloud.
+//! The surface of least bending through points, whatever their number: one thin plate, or for more points than that can
+//! have, one of each part of them.
 
 use super::forecast::{Forecast, covariances, forecasts};
 use super::local_plates::LocalPlates;
@@ -10,7 +10,7 @@ use crate::error::Error;
 /// (`benches/method.md`).
 pub(crate) const MAX_PLATE_POINTS: usize = 1 << 18;
 
-/// A function that is 0 at the points of a cloud, has about unit gradient there, and bends little.
+/// A function that is 0 at given points, has about unit gradient there, and bends little.
 #[derive(Clone, Debug)]
 pub(crate) enum LeastBending {
     Whole(ThinPlate),
@@ -22,7 +22,7 @@ impl LeastBending {
     /// n x 3, outward, need not be exact; zero is no direction), in their order.
     ///
     /// # Errors
-    /// [`Data`](crate::ErrorKind::Data) if the points, or those of a part of the cloud, determine no plate.
+    /// [`Data`](crate::ErrorKind::Data) if the points, or those of a part of them, determine no plate.
     ///
     /// # Panics
     /// If a guess does not have one normal a point.
@@ -35,7 +35,7 @@ impl LeastBending {
         })
     }
 
-    /// The function for one guess of the normals, and what the other points predict of each (n).
+    /// The function for one guess of the normals, and the leave-one-out forecast at each point (n).
     ///
     /// # Errors
     /// As [`fit_each`](Self::fit_each).

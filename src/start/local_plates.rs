@@ -1,6 +1,6 @@
 //! The surface of least bending for any number of points: thin plates through overlapping groups of points, blended.
 //!
-//! One plate through n points costs O(n^3). Around a place only the points nearby matter. So the cloud is covered by
+//! One plate through n points costs O(n^3). Around a place only the points nearby matter. So the points are covered by
 //! overlapping balls, each around one of the points and as large as its hundred nearest; every ball gets the plate
 //! through its own points ([`System`]); and the plates are blended by weights that fall smoothly to 0 at the balls'
 //! surfaces (a partition of unity, as Ohtake et al. 2003, "Multi-level partition of unity implicits"). The cost is O(n)
@@ -27,7 +27,7 @@ const REACH: f64 = 2.5;
 /// Places evaluated at a time by one thread.
 const CHUNK: usize = 256;
 
-/// A ball around a point, in the frame of the cloud.
+/// A ball around a point, in the frame of the points.
 #[derive(Clone, Debug)]
 struct Ball {
     centre: [f32; 3],
@@ -59,7 +59,7 @@ impl Ball {
         self.members.iter().map(|&i| self.local(points[i as usize])).collect()
     }
 
-    /// What `all` (n x 3) has for its points.
+    /// The unit directions of those of `all` (n x 3) that belong to its points, one after the other (3 values each).
     fn own(&self, all: &[[f32; 3]]) -> Vec<f64> {
         directions(&self.members.iter().map(|&i| all[i as usize]).collect::<Vec<_>>())
     }
@@ -115,8 +115,8 @@ impl LocalPlates {
         Ok(guesses.iter().map(one).collect())
     }
 
-    /// The function for one guess of the normals, as [`fit_each`](Self::fit_each), and what the others predict of each
-    /// point (n): forecasts of the plate of the ball that the point weighs most in, without the point.
+    /// The function for one guess of the normals, as [`fit_each`](Self::fit_each), and the leave-one-out forecast at
+    /// each point (n): that of the plate of the ball that the point weighs most in, without the point.
     ///
     /// # Errors
     /// As [`fit_each`](Self::fit_each).
@@ -136,7 +136,7 @@ impl LocalPlates {
             let gradients = system.least_bending(ball.own(normals));
             let mut found = forecasts(&system, &covariances(&system), &gradients);
             for forecast in &mut found {
-                // Into the frame of the cloud; slopes have no unit.
+                // Into the frame of the points; slopes have no unit.
                 forecast.error *= ball.radius;
                 forecast.variance *= ball.radius * ball.radius;
             }
@@ -270,7 +270,7 @@ mod tests {
         (points, plates)
     }
 
-    /// Places within some neighbour spacings of a cloud, and the nearest points of each.
+    /// Places within some neighbour spacings of points, and the nearest points of each.
     fn places(points: &[[f32; 3]], count: usize, off: f32) -> (Vec<[f32; 3]>, Vec<u32>) {
         let away = AnalyticShape::Sphere { radius: f64::from(off) }.sample(count, 9).0;
         let step = points.len() / count + 1;
@@ -333,7 +333,7 @@ mod tests {
         assert!(worst < 0.01, "{worst}");
     }
 
-    /// Along lines over the cloud, on which balls and nearest points change.
+    /// Along lines over the points, on which balls and nearest points change.
     #[test]
     fn the_blend_is_continuous() {
         let (points, plates) = fitted(600, 4);
@@ -363,7 +363,7 @@ mod tests {
         }
     }
 
-    /// For a cloud of one ball, the forecasts and values are those of its plate.
+    /// For points of one ball, the forecasts and values are those of its plate.
     #[test]
     fn one_ball_is_one_plate() {
         let (points, normals) = TORUS.sample(90, 6);

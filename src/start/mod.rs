@@ -1,5 +1,6 @@
-//! What comes before the training: what the points are like and which of them are strays, the first shape that is found
-//! among them, the points without their noise, and the regression that the field learns the shape by.
+//! What comes before the training: the kind of sampling that the input points are and the strays among them, the first
+//! shape that is found among the working points, the denoised points, and the regression that the field learns the
+//! shape by.
 
 mod candidates;
 mod denoise;

@@ -1,11 +1,11 @@
-//! Points that belong to no surface: strays far from all others, and far off the surface that those suggest.
+//! Strays: input points that belong to no surface, far from all others and far off the plane of their neighbours.
 
 use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, median, ranked};
 use nalgebra::Vector3;
 
-/// A point's *reach* is the mean distance to so many of its nearest points.
+/// A point's *reach* is the mean distance to this many of its nearest points.
 const REACHED: usize = 4;
-/// Neighbours that tell what reach is usual around a point, and in which plane they lie.
+/// Neighbours from which the usual reach around a point, and the plane of the surface there, are estimated.
 const AROUND: usize = 8;
 /// Which of the sorted reaches of the neighbours counts as usual around a point (0 is the least): a low one, as some of
 /// the neighbours may be strays themselves.
@@ -14,7 +14,7 @@ const USUAL_RANK: usize = 2;
 /// From where on a point is a stray. Both must hold: the ends of thin parts reach as far, but along them.
 #[derive(Clone, Copy, Debug)]
 struct Limits {
-    /// How far a stray reaches to its neighbours, over the usual reach in the cloud and around it.
+    /// How far a stray reaches to its neighbours, over the usual reach of all points and of those around it.
     farther: f64,
     /// The distance of a stray from the plane of its neighbours, over the usual reach.
     off_plane: f64,
@@ -26,14 +26,14 @@ const STRAY: Limits = Limits { farther: 2.6, off_plane: 2.5 };
 const LIKELY: Limits = Limits { farther: 2.0, off_plane: 2.0 };
 /// A point is *odd* if its reach is at least this many times the median.
 const ODD_FACTOR: f64 = 2.0;
-/// Up to so many odd points among the nearest of another may be strays and are left out of the plane; if there are
+/// Up to this many odd points among the nearest of another may be strays and are left out of the plane; if there are
 /// more, they are a sparse part of the surface and stay in.
 const MAX_ODD: usize = 2;
 /// Nearest points among which those of the plane are chosen: [`AROUND`], and some more in place of odd ones.
 const PLANE_NEIGHBOURS: usize = 12;
-/// A point that reaches so much farther than usual is a stray wherever it lies.
+/// A point whose reach is this many times the usual one is a stray wherever it lies.
 const MIN_LOST_FACTOR: f64 = 10.0;
-/// The largest share of strays: a cloud with more is not taken for a surface with strays.
+/// The largest share of strays: points with more are not taken for a surface with strays.
 const MAX_SHARE: f64 = 0.1;
 /// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
@@ -52,11 +52,11 @@ pub enum Suspicion {
 }
 
 /// The numbers of the points (n x 3, distinct, any frame) that belong to no surface, ascending; none for fewer than 20
-/// points, nor if they would be more than a tenth of the cloud.
+/// points, nor if they would be more than a tenth of all.
 ///
-/// A stray is a point whose mean distance to its 4 nearest points is a multiple of what is usual both in the cloud and
-/// around it, and that lies as far off the plane of its 8 nearest points; or one farther away than any part would be. A
-/// stray near the surface is none, as it does little harm.
+/// A stray is a point whose mean distance to its 4 nearest points is a multiple of what is usual both for all points
+/// and around it, and that lies as far off the plane of its 8 nearest points; or one farther away than any part would
+/// be. A stray near the surface is none, as it does little harm.
 ///
 /// ```
 /// use bijective_sdf::start::{Suspicion, find_outliers};
@@ -164,7 +164,7 @@ mod tests {
         let numbers: Vec<u32> = (300..310).collect();
         assert_eq!(find_outliers(&with(&points, &strays[..2]), Suspicion::Low), numbers[..2]);
         assert_eq!(find_outliers(&with(&points, &strays), Suspicion::Low), numbers);
-        // One so far away that the others are a speck beside it.
+        // One so far away that the extent of the others is negligible against its distance.
         let mut far = with(&points, &strays[..2]);
         far.insert(0, [1e6, 1e6, 0.0]);
         assert_eq!(find_outliers(&far, Suspicion::Low), [0, 301, 302]);

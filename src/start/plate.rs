@@ -119,8 +119,8 @@ impl System {
     pub fn new(points: &[[f64; 3]]) -> Option<Self> {
         let n = points.len();
         let planes = DMatrix::from_fn(4 * n, 4, |row, k| plane_at(points, row, k));
-        // K is positive on all that is orthogonal to the planes; enough of P P^T makes it so everywhere, and changes
-        // nothing where P^T w = 0 is asked for.
+        // K is positive definite on the complement of the planes; K plus a large enough multiple of P P^T is so
+        // everywhere, and has the same solutions w, as these satisfy P^T w = 0.
         let inverse = LIFTS.iter().find_map(|&lift| {
             let system = Symmetric::from_columns(4 * n, |column, out| {
                 for (row, out) in out.iter_mut().enumerate().skip(column) {

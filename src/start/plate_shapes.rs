@@ -13,10 +13,10 @@ use rayon::prelude::*;
 /// Distances to the nearest point, in its neighbour spacing, between which the thin plate hands over to the rough
 /// surface.
 const TRUST: Ramp = Ramp { from: 0.7, to: 1.2 };
-/// The same for clouds of many points, where the plate is nearer to the truth beyond the rims of open surfaces, too.
+/// The same for many points, where the plate is nearer to the truth beyond the rims of open surfaces, too.
 /// Between the few points of thin sheets it is not (`benches/accuracy.md`).
 const TRUST_OF_MANY: Ramp = Ramp { from: 1.5, to: 2.5 };
-/// Points from which on a cloud has many.
+/// The fewest points that count as many.
 const MANY_POINTS: usize = 4096;
 /// Cubes along each side of the grid that the surface of one thin plate is taken from, if the rough one is not small:
 /// blades and legs come out in shreds on a grid that does not depend on the area.
@@ -24,17 +24,17 @@ const PLATE_RESOLUTION: usize = 64;
 /// Cells between neighbouring points where there are several plates: more bring nothing. A surface bends little from
 /// one of many points to the next.
 const CELLS_BETWEEN: f64 = 2.4;
-/// The same for clouds of many points.
+/// The same for many points.
 const CELLS_BETWEEN_MANY: f64 = 1.5;
 
 /// For each closed surface of `rough`, in order, a surface of least bending through `points` (n x 3, working frame),
 /// see [`LeastBending`]; those that cannot be extracted are left out. Far from the points the rough surface is kept, so
-/// that sheets which leave the cloud end. The first guess of the normals is the rough surface's, or `normals` (n x 3)
+/// that sheets which leave the points end. The first guess of the normals is the rough surface's, or `normals` (n x 3)
 /// where these are given, not zero and on the same side.
 ///
 /// The surface of one plate is taken from a grid of 64 cubes a side, or a finer one where the rough one has little area
-/// for so many points ([`resolution_for_area`](super::resolution_for_area)); that of several from cells as fine as the
-/// points.
+/// for the number of points ([`resolution_for_area`](super::resolution_for_area)); that of several from cells as fine
+/// as the points.
 ///
 /// # Errors
 /// As [`LeastBending::fit_each`] and [`TriangleBvh::new`]; if no surface can be extracted, as the first of them:

@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 
 /// The fewest points that are judged.
 const MIN_POINTS: usize = 20;
-/// The usual distance of neighbours is the median, over the points, of the mean distance to so many nearest points.
+/// The usual distance of neighbours is the median, over the points, of the mean distance to this many nearest points.
 const REACHED: usize = 4;
 
-/// What points are beside a sampling of one surface; see [`Sampling::of`].
+/// Signs that input points are something else than a sampling of one surface; see [`Sampling::of`].
 #[derive(Clone, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub struct Sampling {
@@ -25,9 +25,9 @@ pub struct Sampling {
     pub uneven: Option<AnisotropicSpacing>,
 }
 
-/// Neighbours that make a small neighbourhood, which curves are told by.
+/// Neighbours that make a small neighbourhood, by which curves are recognised.
 const FEW_SHAPED: usize = 6;
-/// Neighbours that make a large neighbourhood, which curves and volumes are told by.
+/// Neighbours that make a large neighbourhood, by which curves and volumes are recognised.
 const MORE_SHAPED: usize = 12;
 /// On curves the median ratio of the second to the first extent of small neighbourhoods is below this.
 const MAX_FEW_CURVE_EXTENT: f64 = 0.2;
@@ -36,7 +36,7 @@ const MAX_MORE_CURVE_EXTENT: f64 = 0.4;
 /// In a volume the median ratio of the third to the first extent of large neighbourhoods is above this. Thin parts of
 /// shapes come near it (`benches/accuracy.md`, constants).
 const MIN_VOLUME_EXTENT: f64 = 0.5;
-/// The fewest points of which curves and volumes are told from surfaces; fewer look like any of them.
+/// The fewest points for which curves and volumes are distinguished from surfaces; fewer look like any of them.
 const MIN_POINTS_OF_A_KIND: usize = 100;
 /// Parts lie apart by more than this many times the usual distance of neighbours.
 const APART: f64 = 6.0;
@@ -44,7 +44,7 @@ const APART: f64 = 6.0;
 const MIN_PART_SHARE: f64 = 0.05;
 
 impl Sampling {
-    /// Looks at the neighbourhoods of points (n x 3, distinct, any frame); nothing can be told of fewer than 20.
+    /// Looks at the neighbourhoods of points (n x 3, distinct, any frame); for fewer than 20 the result is the default.
     pub fn of<P: Position>(points: &[P]) -> Sampling {
         let n = points.len();
         let Ok(frame) = Normalizer::of(points) else { return Sampling::default() };

@@ -1,5 +1,5 @@
-//! Which side of the surface is outside, where somebody knows: normals that contradict each other, and normals that
-//! face the place from which the points were seen.
+//! Which side of the surface is outside, where normals or the scanner's place are given: normals that contradict each
+//! other, and normals that face the place from which the points were seen.
 
 use crate::geometry::vec3::{distance, dot, sub, unit_vector, wide};
 use crate::geometry::{KdTree, Normalizer, Position, PrincipalAxes, neighbour_spacing};
@@ -10,8 +10,8 @@ use rayon::prelude::*;
 const COMPARED: usize = 6;
 /// Normals of neighbours contradict each other if the cosine between them is below this.
 const AGAINST: f64 = -0.5;
-/// The cosine between a normal and the way to a neighbour, at most, for both to lie on one side: on the other side of a
-/// thin part normals do point the other way.
+/// The largest cosine between a normal and the direction to a neighbour for both to lie on one side: on the other side
+/// of a thin part normals do point the other way.
 const BESIDE: f64 = 0.35;
 /// Neighbours that lie about in the plane of the surface.
 const PLANE: usize = 10;
@@ -22,8 +22,9 @@ const GRAZING: f64 = 0.1;
 /// Neighbour spacings beyond which two points that lie in one direction are not of one piece of the surface.
 const APART: f64 = 4.0;
 
-/// The share of n points (n x 3, any frame) whose normal (n x 3, any length) points against those of most of their
-/// neighbours beside them. Points without a normal, or without a neighbour beside them, do not count.
+/// The share of n points (n x 3, any frame) whose normal (n x 3, any length) points against those of most of the near
+/// neighbours whose direction is about perpendicular to both normals. Points without a normal, or without such a
+/// neighbour, do not count.
 ///
 /// # Panics
 /// If there is not one normal a point.
@@ -155,7 +156,7 @@ mod tests {
         for (n, p) in facing(&moved, None, [5e6; 3]).iter().zip(&sphere) {
             assert!(dot(*n, *p) < -0.98, "{n:?} at {p:?}");
         }
-        // From afar, and a little more than can be seen from there: the rim faces as what is beside it.
+        // From afar, and a little more than can be seen from there: the rim faces as the points next to it.
         let seen: Vec<[f32; 3]> = sphere.iter().copied().filter(|p| p[2] > -0.09).collect();
         let inward: Vec<[f32; 3]> = seen.iter().map(|p| p.map(|x| -x)).collect();
         for normals in [None, Some(&inward[..])] {

@@ -120,10 +120,10 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     }
     report.failures.extend(std::mem::replace(&mut trained.checkpoint, Ok(())).err());
     let meshing = Instant::now();
-    let fineness = args.fineness.of(trained.field.cloud().len());
-    args.fineness.tell(trained.field.cloud().len(), common);
+    let fineness = args.fineness.of(trained.field.input_points().len());
+    args.fineness.tell(trained.field.input_points().len(), common);
     let meshed = fineness.mesh(&trained.field).map_err(Failure::from);
-    let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.cloud(), common));
+    let part = meshed.and_then(|mesh| args.trim.part(mesh, trained.field.input_points(), common));
     let mesh_seconds = meshing.elapsed().as_secs_f64();
     let part = part.and_then(|mut part| {
         let attributes = vertex_attributes(part.support.take(), cloud.carried.at(&part.mesh.verts)?);
@@ -142,7 +142,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         report.wrote(output.path(), output.write_cloud(&trained.field.surface_points()));
     }
     if let Some(path) = &args.view.preview {
-        let picture = render(trained.field.cloud(), &part.mesh, &View::from(&args.view));
+        let picture = render(trained.field.input_points(), &part.mesh, &View::from(&args.view));
         report.wrote(path, picture.and_then(|picture| write_bytes(path, &picture.to_png())));
     }
     // Last, as the grid of the training may fail to find what that of the mesh has found.

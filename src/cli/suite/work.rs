@@ -233,7 +233,7 @@ impl Runner<'_> {
             let mut report = evaluate(truth.ground_truth(), &mesh.relative_to(offset), &options)?;
             report.floor = *floor;
             outcome.report = Some(report);
-            let sets = [relative_to(field.cloud(), offset), relative_to(&surface, offset)];
+            let sets = [relative_to(field.input_points(), offset), relative_to(&surface, offset)];
             let sets = [&sets[0][..], &sets[1]];
             let sets = if surface.is_empty() { &sets[..1] } else { &sets };
             // With the floor, which is another for every number of points.

@@ -72,7 +72,7 @@ impl CellSizes {
         CellSizes { classes: classes.map(|(log, tree)| (log.exp2(), tree)).collect() }
     }
 
-    /// The sizes for a surface through `points` (n x 3, working frame): so many `cells` in a neighbour spacing.
+    /// The sizes for a surface through `points` (n x 3, working frame): `cells` cells in a neighbour spacing.
     ///
     /// Points on lines that lie far from each other count as the means of [`evened`] that stand for them.
     ///
@@ -196,7 +196,7 @@ pub fn extract_graded_mesh(
 
 impl GradedGrid {
     /// The grid of a cube. With a field, only the tetrahedra that its surface crosses, found without looking into those
-    /// at whose corners it is larger than so many of their longest edges.
+    /// at whose corners it is larger than the factor that comes with the field times their longest edge.
     ///
     /// # Errors
     /// As [`extract_graded_mesh`].
@@ -311,7 +311,7 @@ mod tests {
     use proptest::prelude::*;
     use std::collections::HashMap;
 
-    /// A cloud with dense heaps in a sparse scatter, and the sides of the cells there, from 0.3 down to 0.3 / 2^7.
+    /// Points with dense heaps in a sparse scatter, and the sides of the cells there, from 0.3 down to 0.3 / 2^7.
     fn heaps() -> impl Strategy<Value = (Vec<[f32; 3]>, Vec<f64>)> {
         let point = (prop::array::uniform3(-0.6f32..0.6), 0.0f64..7.0);
         prop::collection::vec(point, 1..12)

@@ -21,8 +21,8 @@ pub struct NarrowBandOptions<'a> {
     /// field over one cube diagonal, measured in its neighbourhood. With 0 parts of the surface are lost now
     /// and then (`benches/accuracy.md`, constants). Default 0.3.
     pub safety: f32,
-    /// Points near which the surface is expected (n x 3), such as the input cloud. The cubes around them are sampled
-    /// on every level, so that parts thinner than the coarse cubes are not lost. Default none.
+    /// Points near which the surface is expected (n x 3), such as the denoised points. The cubes around them are
+    /// sampled on every level, so that parts thinner than the coarse cubes are not lost. Default none.
     pub seeds: &'a [[f32; 3]],
 }
 

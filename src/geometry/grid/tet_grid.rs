@@ -24,7 +24,7 @@ const fn cube_tets() -> [[u8; 4]; 6] {
     tets
 }
 
-/// Lowest coordinate and side of the cube that holds every cloud in the working frame (it reaches to 0.5) and some room
+/// Lowest coordinate and side of the cube that holds all points of the working frame (they reach to 0.5) and some room
 /// around it.
 pub(crate) const WORKING_CUBE: [f32; 2] = [-0.58, 1.16];
 
@@ -107,7 +107,7 @@ impl TetGrid {
         Ok(TetGrid::new(cubes, origin, spacing as f32))
     }
 
-    /// The grid of `resolution` cubes along each side of the cube from -0.58 to 0.58, which holds every cloud in the
+    /// The grid of `resolution` cubes along each side of the cube from -0.58 to 0.58, which holds all points of the
     /// working frame (it reaches to 0.5) and some room around it.
     ///
     /// # Errors

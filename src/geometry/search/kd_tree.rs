@@ -167,8 +167,8 @@ pub(super) mod tests {
         all
     }
 
-    /// Small and awkward clouds: random, duplicated, planar, collinear, on a grid, far from the origin, tiny.
-    pub fn clouds() -> Vec<Vec<[f32; 3]>> {
+    /// Small and awkward point sets: random, duplicated, planar, collinear, on a grid, far from the origin, tiny.
+    pub fn point_sets() -> Vec<Vec<[f32; 3]>> {
         let mut rng = ChaCha8Rng::seed_from_u64(1);
         let mut all = Vec::new();
         let mut random = |n: usize, scale: f32, offset: f32| -> Vec<[f32; 3]> {
@@ -181,10 +181,10 @@ pub(super) mod tests {
         all.push(random(700, 1e-6, 0.0));
         all.push(random(700, 1e6, 0.0));
         all.push(random(700, 10.0, 5e5));
-        let cloud = random(600, 1.0, 0.0);
-        all.push(cloud.iter().map(|p| [p[0], 0.25, p[2]]).collect());
-        all.push(cloud.iter().map(|p| [0.0, p[1], 1.0]).collect());
-        all.push(cloud.iter().chain(&cloud).chain(&cloud).copied().collect());
+        let points = random(600, 1.0, 0.0);
+        all.push(points.iter().map(|p| [p[0], 0.25, p[2]]).collect());
+        all.push(points.iter().map(|p| [0.0, p[1], 1.0]).collect());
+        all.push(points.iter().chain(&points).chain(&points).copied().collect());
         all.push(vec![[0.5, -0.25, 0.125]; 10_000]);
         all.push((0..1000).map(|i| [(i / 100) as f32, (i / 10 % 10) as f32, (i % 10) as f32]).collect());
         // A grid in scrambled order, so that the smallest index is anywhere.
@@ -215,7 +215,7 @@ pub(super) mod tests {
 
     #[test]
     fn nearest_is_brute_force_bit_for_bit() {
-        for points in clouds() {
+        for points in point_sets() {
             let tree = KdTree::new(&points);
             assert_eq!(tree.len(), points.len());
             let queries = queries_for(&points);
@@ -229,7 +229,7 @@ pub(super) mod tests {
 
     #[test]
     fn k_nearest_and_within_are_brute_force() {
-        for points in clouds() {
+        for points in point_sets() {
             let tree = KdTree::new(&points);
             let queries: Vec<_> = queries_for(&points).into_iter().step_by(3).collect();
             for k in [0, 1, 2, 3, 8, 12] {
@@ -256,7 +256,7 @@ pub(super) mod tests {
 
     #[test]
     fn thread_count_changes_nothing() {
-        let points = &clouds()[12];
+        let points = &point_sets()[12];
         let queries: Vec<_> = (0..9).flat_map(|_| queries_for(points)).collect();
         let tree = KdTree::new(points);
         let run = |threads| {
@@ -275,7 +275,7 @@ pub(super) mod tests {
 
     #[test]
     #[should_panic(expected = "no points")]
-    fn empty_cloud_is_refused() {
+    fn no_points_are_refused() {
         KdTree::new(&[]);
     }
 

@@ -351,12 +351,12 @@ fn build(items: &mut [Item], nodes: &mut [Node], leaves: &mut [Leaf]) {
 
 #[cfg(test)]
 mod tests {
-    use super::super::kd_tree::tests::{brute_ranked, clouds, queries_for};
+    use super::super::kd_tree::tests::{brute_ranked, point_sets, queries_for};
     use super::*;
 
     #[test]
     fn nearest_is_brute_force_bit_for_bit() {
-        for points in clouds() {
+        for points in point_sets() {
             let tree = PointTree::new(&points);
             assert_eq!(tree.len(), points.len());
             let queries = queries_for(&points);
@@ -372,8 +372,8 @@ mod tests {
     }
 
     #[test]
-    fn every_cloud_finds_itself_and_the_others() {
-        let small: Vec<_> = clouds().into_iter().filter(|c| c.len() <= 1000).collect();
+    fn every_set_finds_itself_and_the_others() {
+        let small: Vec<_> = point_sets().into_iter().filter(|c| c.len() <= 1000).collect();
         for (i, a) in small.iter().enumerate() {
             let b = &small[(i + 5) % small.len()];
             let (index, dist_sq) = nearest_points(a, b);
@@ -401,7 +401,7 @@ mod tests {
             assert_eq!(ids.iter().min(), Some(&node.first_id));
             ids
         }
-        for points in clouds() {
+        for points in point_sets() {
             let tree = PointTree::new(&points);
             let mut ids = visit(&tree, tree.root(), &points);
             ids.sort_unstable();
@@ -412,8 +412,8 @@ mod tests {
     #[test]
     fn thread_count_changes_nothing() {
         // More than FORK leaves on each side and several tasks of queries.
-        let points: Vec<_> = clouds().concat().into_iter().filter(|p| p[0].abs() < 10.0).collect();
-        let queries: Vec<_> = clouds().iter().flat_map(|c| queries_for(c)).collect();
+        let points: Vec<_> = point_sets().concat().into_iter().filter(|p| p[0].abs() < 10.0).collect();
+        let queries: Vec<_> = point_sets().iter().flat_map(|c| queries_for(c)).collect();
         let run = |threads| {
             let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
             pool.install(|| nearest_points(&queries, &points))
@@ -428,7 +428,7 @@ mod tests {
 
     #[test]
     #[should_panic(expected = "no points")]
-    fn empty_cloud_is_refused() {
+    fn no_points_are_refused() {
         nearest_points(&[], &[]);
     }
 

@@ -1,4 +1,4 @@
-//! The options of a run. Lengths are in the working frame: the cloud centred, its longest side 1.
+//! The options of a run. Lengths are in the working frame: the input points centred, their longest side 1.
 
 mod documented;
 mod options;
@@ -27,9 +27,9 @@ pub enum StartShape {
     Sphere,
     /// The surface that the parametric Gauss formula finds among the points (Lin et al. 2022), fitted by regression.
     Gauss,
-    /// The surface of least bending through the points: one thin plate for up to 500, for more one of each part of the
-    /// cloud, blended (after Huang et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is
-    /// kept where no point is near. For clouds of more than 262,144 points it is that of the Gauss formula.
+    /// The surface of least bending through the points: one thin plate for up to 500, for more one of each part of
+    /// them, blended (after Huang et al. 2019). Its normals are first guessed by the Gauss formula, whose surface is
+    /// kept where no point is near. For more than 262,144 points it is that of the Gauss formula.
     Plate,
 }
 
@@ -41,7 +41,7 @@ pub struct Start {
     pub shape: StartShape,
     /// Radius within which a dipole of the Gauss formula is smoothed, in neighbour spacings: mean distances of the
     /// point to its seven nearest others. `None` (`auto`) tries 0.25, 0.5 and 1 and keeps the one whose shape fits the
-    /// points best; for clouds of more than 1,024 points it takes 0.5. Default `auto`.
+    /// points best; for more than 1,024 points it takes 0.5. Default `auto`.
     pub dipole_radius: Option<f32>,
     /// Weight of the smallest solution in the Gauss formula; larger is smoother. Default 0.05.
     pub regularity: f64,
@@ -58,8 +58,8 @@ pub enum Finishing {
     /// Nothing.
     None,
     /// Subtracts the interpolated values of the field at the points, which should be 0, and blends in the surface of
-    /// least bending where leave-one-out prediction of the points is accurate. For clouds of 20 to a million points;
-    /// others are left as they are.
+    /// least bending where leave-one-out prediction of the points is accurate. For 20 to a million points;
+    /// with fewer or more the field is left as it is.
     Points,
 }
 
@@ -87,25 +87,25 @@ pub struct Band {
     pub shift: f32,
 }
 
-/// How much of a large cloud one step sees; clouds below these sizes are seen whole.
+/// How many of the denoised points one step uses; up to these sizes it uses all.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Batch {
-    /// A cloud of more than `points` points that is trained is first thinned to one point in each cube of this side.
+    /// More than `points` points are first thinned to one in each cube of this side, if anything is trained for them.
     /// The unit is the distance between vertices of the finest grid in `stages`, before `reference_area` changes it.
     /// `None` (`off`) keeps all points. Default 0.25.
     pub thin: Option<f32>,
-    /// Points of the cloud in a step, at most: consecutive parts of one fixed random permutation. Default 4096.
+    /// Denoised points in a step, at most: consecutive parts of one fixed random permutation. Default 4096.
     pub points: usize,
-    /// Points whose patches are trained in a step, at most: the blocks of the cloud in turn, each of points that lie
-    /// together. Default 1024.
+    /// Points whose patches are trained in a step, at most: blocks of the denoised points in turn, each of points that
+    /// lie together. Default 1024.
     pub centres: usize,
 }
 
 /// All options of a reconstruction.
 ///
 /// Start from [`Config::preset`] and change fields, or [`set`](Self::set) them by name. Lengths are in the working
-/// frame, where the cloud's longest side is 1.
+/// frame, where the longest side of the input points is 1.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Config {
@@ -114,13 +114,14 @@ pub struct Config {
     /// Whether a run first adapts these options to the number of points, by [`for_points`](Self::for_points).
     /// Default true.
     pub scale_with_points: bool,
-    /// Size of the largest cloud (without duplicates) that is trained. Larger clouds keep the finished first shape, as
-    /// with the preset `start`: its detail grows with the points, that of the network does not (`benches/method.md`).
-    /// Applies only if `scale_with_points` is set and the field does not start as a sphere. `None` (`all`) trains
-    /// clouds of any size. Default 1,000, paper all.
+    /// The most input points (without duplicates) for which anything is trained. For more, the result is the finished
+    /// first shape, as with the preset `start`: its detail grows with the points, that of the network does not
+    /// (`benches/method.md`). Applies only if `scale_with_points` is set and the field does not start as a sphere.
+    /// `None` (`all`) trains for any number. Default 1,000, paper all.
     pub train_up_to: Option<usize>,
-    /// Whether points that scatter about a smooth surface are moved onto it first, as far as cross-validation says that
-    /// they do; for clouds of 50 to 500 points whose field does not start as a sphere. Default true, paper false.
+    /// Whether working points that scatter about a smooth surface, by the measure of cross-validation, are moved onto
+    /// it first (denoised points); for 50 to 500 points whose field does not start as a sphere. Default true, paper
+    /// false.
     pub denoise: bool,
     /// The network g.
     pub field: FieldConfig,
@@ -153,7 +154,7 @@ pub struct Config {
     pub reference_area: Option<f64>,
     /// The active part of the grid.
     pub band: Band,
-    /// Parts of a large cloud in a step.
+    /// How many of the denoised points a step uses.
     pub batch: Batch,
     /// Samples drawn on the faces of the extracted surface, from which distances to other points are measured;
     /// distances from other points to the surface are then to its faces. `None` (`off`) takes the vertices of the

@@ -5,7 +5,7 @@ use crate::field::octave_factor;
 use crate::reconstruct::config::{MAX_DRAWN, MAX_FREQUENCY, MAX_STEPS};
 use crate::reconstruct::{Config, StartShape};
 
-/// Cloud sizes up to this one are what the presets were made for.
+/// The most points that the presets were made for.
 const USUAL_POINTS: usize = 2048;
 /// The most that grid resolutions are multiplied by.
 const MAX_RESOLUTION_FACTOR: f64 = 6.0;
@@ -21,11 +21,11 @@ const MAX_ADDED_OCTAVES: usize = 3;
 const MAX_STEPS_FACTOR: f64 = 2.0;
 /// The most that the number of samples on the surface is multiplied by.
 const MAX_SAMPLES_FACTOR: f64 = 8.0;
-/// Points that a patch attends to in larger clouds if it would attend to all otherwise.
+/// Points that a patch attends to for more points than usual, if it would attend to all otherwise.
 const LOCAL_REACH: usize = 16;
 
 impl Config {
-    /// Adapts the options to a cloud of n points.
+    /// Adapts the options to n input points.
     ///
     /// Beyond [`train_up_to`](Self::train_up_to) nothing is trained: there are no stages and there is no S. Otherwise
     /// nothing changes up to 2,048 points; beyond, with s = n / 2048:
@@ -39,7 +39,7 @@ impl Config {
     /// | steps of the start and of each stage | times s^(1/4), at most twice | a larger field learns a larger shape more slowly |
     /// | `bsp.reach` | 16 where it is `all` | attention of all to all costs n^2 |
     ///
-    /// The patches and their sphere stay. What a step sees of the cloud is bounded by `batch`, a cloud beyond that is
+    /// The patches and their sphere stay. The points that a step uses are bounded by `batch`, more points than that are
     /// thinned, and a step works on every active vertex of the grid. Nothing is made smaller here.
     ///
     /// Clears `scale_with_points`, so nothing is adapted twice; without it nothing changes.
@@ -87,7 +87,7 @@ impl Config {
         self
     }
 
-    /// Whether anything is trained for a cloud of n points: there are stages, and `train_up_to` allows it.
+    /// Whether anything is trained for n input points: there are stages, and `train_up_to` allows it.
     pub fn trains(&self, n: usize) -> bool {
         let limit = match self.start.shape {
             // A sphere is no result.
@@ -104,13 +104,13 @@ mod tests {
     use super::*;
     use crate::reconstruct::{Preset, Stage};
 
-    /// A preset that trains for clouds of any size.
+    /// A preset that trains for any number of points.
     fn trained(preset: Preset) -> Config {
         Config { train_up_to: None, ..Config::preset(preset) }
     }
 
     #[test]
-    fn large_clouds_keep_their_first_shape_unless_that_is_a_sphere() {
+    fn many_points_keep_their_first_shape_unless_that_is_a_sphere() {
         for preset in Preset::ALL {
             let config = Config::preset(preset);
             let small = config.clone().for_points(1000);
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn nothing_shrinks_as_clouds_grow() {
+    fn nothing_shrinks_with_more_points() {
         for preset in Preset::ALL {
             let mut before = trained(preset).for_points(1);
             for n in (11..27).map(|power| 1usize << power) {

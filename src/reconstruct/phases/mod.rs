@@ -66,13 +66,13 @@ pub(super) fn diverged(message: impl Into<String>) -> Error {
     Error::new(ErrorKind::Diverged, message)
 }
 
-/// Whether to give a step up, asked between its parts.
+/// Called between the parts of a step; true abandons the step.
 pub(super) type Stop<'a> = &'a (dyn Fn() -> bool + Sync);
 
 /// The end of a step that is given up.
 ///
 /// # Errors
-/// [`ErrorKind::Cancelled`] if `stop` says so.
+/// [`ErrorKind::Cancelled`] if `stop` returns true.
 pub(super) fn go_on(stop: Stop<'_>) -> Result<(), Error> {
     if stop() { Err(Error::new(ErrorKind::Cancelled, "the step was given up")) } else { Ok(()) }
 }

@@ -15,8 +15,8 @@ use crate::reconstruct::state::State;
 use crate::tensor::Tensor;
 use std::sync::Arc;
 
-/// One step of the pretraining of `map`, which is that of the state: on the next block of the cloud, in turn. With
-/// the first shape beside the points (`bsp_pretrain_on_shape`), S is drawn to cover it.
+/// One step of the pretraining of `map`, the map of the state: on the next block of the denoised points, in turn.
+/// With `bsp_pretrain_on_shape`, S is drawn to cover samples of the first shape as well.
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`](crate::ErrorKind::Diverged) if S, the loss or its gradients are not finite.
@@ -26,14 +26,14 @@ pub(in crate::reconstruct) fn step(
     map: &SurfaceMap,
     work: &mut Workspace,
 ) -> Result<Update, Error> {
-    let Setup { config, working, blocks, .. } = setup;
+    let Setup { config, denoised, blocks, .. } = setup;
     let (_, step) = config.phase_at(state.step);
     let block = &blocks[step % blocks.len()];
     let tape = &mut work.tape;
     tape.clear();
     let p = map.params().bind(tape, true);
-    let (surface, context) = forward_map(tape, map, &p, working, block)?;
-    let slack = map.slack(block, working.len());
+    let (surface, context) = forward_map(tape, map, &p, denoised, block)?;
+    let slack = map.slack(block, denoised.len());
     let samples = setup.samples.as_ref().filter(|_| config.bsp_pretrain_on_shape);
     let around = samples.map_or_else(BlockSamples::default, |samples| samples.around(block));
     let para = para_term(tape, surface, context, block, &around, slack);
@@ -55,15 +55,15 @@ pub(in crate::reconstruct) fn step(
     })
 }
 
-/// A block's part of S and its context (c x 3), on the tape.
+/// A block's part of S ((b M) x 3 for BSP) and its context (c x 3), on the tape.
 pub(super) fn forward_map(
     tape: &mut Tape,
     map: &SurfaceMap,
     p: &Bound,
-    working: &[[f32; 3]],
+    denoised: &[[f32; 3]],
     block: &Neighbourhood,
 ) -> Result<(Var, Var), Error> {
-    let context: Vec<[f32; 3]> = block.context().iter().map(|&i| working[i as usize]).collect();
+    let context: Vec<[f32; 3]> = block.context().iter().map(|&i| denoised[i as usize]).collect();
     let context = tape.constant(Tensor::from_points(&context));
     let surface = map.forward(tape, p, context, block);
     check_near("the parameterized surface", tape.value(surface).data())?;
@@ -97,7 +97,7 @@ pub(super) fn para_term(
     tape.add(out, back)
 }
 
-/// The samples (m x 3) above the points (c x 3).
+/// The samples (m x 3) and then the points (c x 3), as rows of one tensor.
 fn with_samples(tape: &mut Tape, points: Var, samples: &[[f32; 3]]) -> Var {
     if samples.is_empty() {
         return points;

@@ -32,10 +32,10 @@ const SHIFT_STREAMS: u64 = 1 << 40;
 /// # Errors
 /// [`ErrorKind::Diverged`] if S is not finite.
 pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<(), Error> {
-    // The moments of the regression say nothing about the losses to come.
+    // The optimiser's moments of the regression do not fit the losses of the training.
     state.field_adam = fresh_adam(state.field.params());
     if let Some(map) = &state.map {
-        let surface = map.surface(&setup.working, &setup.blocks);
+        let surface = map.surface(&setup.denoised, &setup.blocks);
         check_near("the parameterized surface", surface.as_flattened())?;
         state.surface = surface;
     }
@@ -49,7 +49,7 @@ pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<
 /// # Errors
 /// As [`TetGrid::working_frame`].
 pub(in crate::reconstruct) fn lower_to_points(setup: &Setup, state: &mut State) -> Result<bool, Error> {
-    let middle = median(state.field.sdf(&setup.working));
+    let middle = median(state.field.sdf(&setup.denoised));
     let cube = TetGrid::working_frame(setup.resolution_at(0))?.spacing();
     let outside = setup.shape.is_some() && middle > -0.25 * cube;
     if outside {
@@ -62,7 +62,7 @@ pub(in crate::reconstruct) fn lower_to_points(setup: &Setup, state: &mut State) 
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`] if something is not finite or far away, [`ErrorKind::NoSurface`] if the surface is gone,
-/// [`ErrorKind::Cancelled`] if `stop` says so between two parts.
+/// [`ErrorKind::Cancelled`] if `stop` returns true between two parts.
 pub(in crate::reconstruct) fn step(
     setup: &Setup,
     state: &State,
@@ -124,11 +124,11 @@ pub(in crate::reconstruct) struct TrainStep<'a> {
     pub steps: usize,
 }
 
-/// The part of the cloud that a step sees.
+/// The denoised points that a step uses: all of them, or a part if there are more than `batch.points`.
 pub(in crate::reconstruct) struct Seen {
-    /// Indices of the working points, q.
+    /// Their indices among the denoised points, q.
     pub rows: Vec<u32>,
-    /// The points, q x 3, working frame.
+    /// Their positions, q x 3, working frame.
     pub points: Vec<[f32; 3]>,
     /// The block whose patches are trained, in steps that train the parameterization.
     pub block: Option<usize>,
@@ -143,7 +143,7 @@ pub(in crate::reconstruct) struct Sampled {
     /// At the active vertices V of the shifted grid; g is raised on the border of the grid, so that the surface ends
     /// before it.
     pub at_verts: FieldVars,
-    /// g at the seen points of the cloud, q x 1, if a term asks for it.
+    /// g at the seen points, q x 1; `None` if no term needs it.
     pub at_points: Option<Var>,
     /// g at the points of bridges, if there are any.
     pub at_bridges: Option<Var>,
@@ -165,10 +165,10 @@ impl<'a> TrainStep<'a> {
         TrainStep { setup, state, band, step, steps: setup.config.steps_in(Phase::Train) }
     }
 
-    /// Chooses the points of the cloud and the block that this step sees.
+    /// Chooses the denoised points and the block that this step uses.
     pub fn seen(&self) -> Seen {
-        let Setup { config, working, order, blocks, .. } = self.setup;
-        let (n, step, size) = (working.len(), self.step, config.batch.points);
+        let Setup { config, denoised, order, blocks, .. } = self.setup;
+        let (n, step, size) = (denoised.len(), self.step, config.batch.points);
         let rows: Vec<u32> = if n <= size {
             (0..n as u32).collect()
         } else {
@@ -177,7 +177,7 @@ impl<'a> TrainStep<'a> {
         let learns = self.state.map.as_ref().is_some_and(|map| !map.params().is_empty());
         let every = config.bsp_every.filter(|&every| learns && step.is_multiple_of(every));
         let block = every.map(|every| step / every % blocks.len());
-        Seen { points: rows.iter().map(|&i| working[i as usize]).collect(), rows, block }
+        Seen { points: rows.iter().map(|&i| denoised[i as usize]).collect(), rows, block }
     }
 
     /// The active vertices of this step (v x 3, working frame): the grid is shifted by up to half of `band.shift` cubes
@@ -244,7 +244,7 @@ impl<'a> TrainStep<'a> {
 
     /// Goes on with the tape from the field to the loss: moved vertices, surface, target, terms.
     pub fn record(&self, sampled: &Sampled, seen: &Seen, work: &mut Workspace) -> Result<Recorded, Error> {
-        let Setup { config, working, blocks, .. } = self.setup;
+        let Setup { config, denoised, blocks, .. } = self.setup;
         let state = self.state;
         let progress = self.step as f32 / self.steps.max(1) as f32;
         let Workspace {
@@ -282,9 +282,9 @@ impl<'a> TrainStep<'a> {
         if let (Some(map), Some(block)) = (&state.map, seen.block) {
             let block = &blocks[block];
             let p = map.params().bind(tape, true);
-            let (surface, context) = forward_map(tape, map, &p, working, block)?;
+            let (surface, context) = forward_map(tape, map, &p, denoised, block)?;
             if config.weights.para > 0.0 {
-                let slack = map.slack(block, working.len());
+                let slack = map.slack(block, denoised.len());
                 para = Some(para_term(tape, surface, context, block, &BlockSamples::default(), slack));
             }
             (bound, live) = (Some(p), Some(surface));
@@ -299,7 +299,7 @@ impl<'a> TrainStep<'a> {
         let inputs = TermInputs {
             faces: &iso.faces,
             field: sampled.at_verts,
-            cloud_sdf: sampled.at_points,
+            sdf_at_points: sampled.at_points,
             bridges,
             gradient: sampled.gradient,
             moved,
@@ -413,7 +413,7 @@ mod tests {
         let report = trainer.step().unwrap();
         assert!(report.surface_verts > 0 && report.recoveries == 0, "{report:?}");
         let lowered = |field: &Field| {
-            let mut values = field.sdf(&trainer.setup.working);
+            let mut values = field.sdf(&trainer.setup.denoised);
             values.sort_by(f32::total_cmp);
             values[30]
         };

@@ -1,6 +1,6 @@
 //! Saving the state of a run, and taking it up again.
 
-use super::cloud as saved_cloud;
+use super::input as saved_input;
 use super::kind::CHECKPOINT;
 use super::options as saved_options;
 use super::params::read_params;
@@ -23,9 +23,10 @@ impl Trainer {
     /// bytes as one that was never stopped. The same state gives the same file.
     ///
     /// The file is in the safetensors format: parameters and optimiser moments now and at the last good state, S, and,
-    /// as metadata, options, step and a fingerprint of the cloud, under one checksum. It appears whole or not at all.
-    /// The figures of [`Reconstruction::coverage`](crate::Reconstruction::coverage) and the codes of [`Trainer::coded`]
-    /// follow from that state and are not in it: a resumed run has them, at the step it was saved at and at its end.
+    /// as metadata, options, step and a fingerprint of the input points, under one checksum. It appears whole or not at
+    /// all. The figures of [`Reconstruction::coverage`](crate::Reconstruction::coverage) and the codes of
+    /// [`Trainer::coded`] follow from that state and are not in it: a resumed run has them, at the step it was saved at
+    /// and at its end.
     ///
     /// # Errors
     /// [`ErrorKind::Io`] if the file cannot be written.
@@ -38,8 +39,8 @@ impl Trainer {
     /// [`Saved`](crate::reconstruct::Saved) knows the options of a file.
     ///
     /// # Errors
-    /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or belongs to another
-    /// cloud or other options (the first that differs is named), and as [`Trainer::new`].
+    /// [`ErrorKind::Io`] if the file cannot be read, [`ErrorKind::Checkpoint`] if it is damaged or belongs to other
+    /// points or other options (the first that differs is named), and as [`Trainer::new`].
     pub fn resume<P: Position>(
         path: impl AsRef<Path>,
         points: &[P],
@@ -68,9 +69,9 @@ impl Trainer {
         let resume = || -> Result<Trainer, Error> {
             let version = CHECKPOINT.check(&store)?;
             check_config(&saved_options::of_checkpoint(&store, version), &prepared.config)?;
-            let cloud = store.get("cloud")?;
-            if cloud != saved_cloud::fingerprint(&prepared.input) {
-                return Err(Error::new(ErrorKind::Checkpoint, "it belongs to another cloud")
+            let input = store.get("cloud")?;
+            if input != saved_input::fingerprint(&prepared.input) {
+                return Err(Error::new(ErrorKind::Checkpoint, "it belongs to other input points")
                     .advise("resume with the points that the run was started with"));
             }
             let stretch = stretched(&prepared.frame);
@@ -126,7 +127,7 @@ impl Trainer {
         let mut store = Store::default();
         CHECKPOINT.put(&mut store);
         saved_options::put(&mut store, &self.setup.config);
-        store.put("cloud", saved_cloud::fingerprint(&self.setup.input));
+        store.put("cloud", saved_input::fingerprint(&self.setup.input));
         if let Some(stretch) = stretched(&self.setup.frame) {
             store.put(STRETCH, stretch);
         }
@@ -143,7 +144,7 @@ impl Trainer {
 /// The fingerprint of given normals.
 const NORMALS: &str = "normals";
 
-/// What the axes were stretched by, if they were.
+/// The factors that the axes were stretched by; absent if they were not.
 const STRETCH: &str = "anisotropy";
 
 fn stretched(frame: &WorkingFrame) -> Option<String> {
@@ -151,10 +152,10 @@ fn stretched(frame: &WorkingFrame) -> Option<String> {
 }
 
 fn fingerprint_of_normals(normals: &[[f32; 3]]) -> String {
-    saved_cloud::fingerprint(&widened(normals))
+    saved_input::fingerprint(&widened(normals))
 }
 
-/// Options that say nothing about the training and may be others when it goes on. `min_component` is none of them: gaps
+/// Options that do not affect the training and may be changed when it is resumed. `min_component` is none of them: gaps
 /// are bridged during the training between the parts of the surface that it leaves.
 const MAY_CHANGE: [&str; 1] = ["finish"];
 
@@ -387,7 +388,7 @@ mod tests {
     }
 
     #[test]
-    fn other_clouds_options_and_damaged_files_are_refused() {
+    fn other_points_options_and_damaged_files_are_refused() {
         let points = ball(50);
         let path = file("damage");
         let mut trainer = Trainer::new(&points, &tiny()).unwrap();
@@ -407,7 +408,7 @@ mod tests {
         assert_eq!(error.element(), Some("option min_component"));
         assert!(Trainer::resume(&path, &points, &Config { finish: Finishing::None, ..tiny() }).is_ok());
         let error = Trainer::resume(&path, &ball(51), &tiny()).err().unwrap();
-        assert!(error.kind() == ErrorKind::Checkpoint && error.message().contains("another cloud"));
+        assert!(error.kind() == ErrorKind::Checkpoint && error.message().contains("other input points"));
         let error = Reconstruction::load(&path).err().unwrap();
         assert_eq!(error.kind(), ErrorKind::Checkpoint);
         let error = Trainer::resume(file("nothing"), &points, &tiny()).err().unwrap();

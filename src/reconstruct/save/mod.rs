@@ -2,7 +2,7 @@
 //! written and read.
 
 mod checkpoint;
-mod cloud;
+mod input;
 mod kind;
 mod options;
 mod params;

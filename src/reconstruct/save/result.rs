@@ -1,6 +1,6 @@
 //! Saving a result, and loading it again.
 
-use super::cloud as saved_cloud;
+use super::input as saved_input;
 use super::kind::RECONSTRUCTION;
 use super::options as saved_options;
 use super::params::read_params;
@@ -19,15 +19,15 @@ use std::path::Path;
 
 /// Vertices and faces (as numbers) of a result that is the first shape itself; each n x 3.
 const FOUND: [&str; 2] = ["shape.verts", "shape.faces"];
-/// There for a result that was found with stretched axes.
+/// Factors of the axes; present in a result that was found with stretched axes.
 const STRETCH: &str = "anisotropy";
-/// There for a result that is negative around its mesh.
+/// Present in a result whose distance is negative outside of its mesh.
 const TURNED: &str = "turned";
-/// Points that a result is finished for, n x 3: those of the cloud without their noise.
+/// The denoised points (n x 3, working frame) that a result was finished for; present if it was.
 const FINISH: &str = "finish.points";
 
 impl Reconstruction {
-    /// Saves the result: the field, the cloud, S and the options, in the format of
+    /// Saves the result: the field, the input points, S and the options, in the format of
     /// [`Trainer::save_checkpoint`](crate::Trainer::save_checkpoint). The figures of [`Reconstruction::coverage`] are
     /// not saved.
     ///
@@ -71,7 +71,7 @@ impl Reconstruction {
         if let Some(finish) = &self.finish {
             store.tensors.insert(FINISH.into(), Tensor::from_points(finish.points()));
         }
-        saved_cloud::put(&mut store, &self.cloud);
+        saved_input::put(&mut store, &self.input);
         store.tensors.insert("surface".into(), Tensor::from_points(&self.surface));
         store
     }
@@ -124,15 +124,15 @@ impl Reconstruction {
             Some(_) => BTreeMap::new(),
             None => field.params().iter().map(|(_, name, value)| (name.to_string(), value.clone())).collect(),
         };
-        let cloud = saved_cloud::names(store);
-        for name in ["surface"].into_iter().chain(cloud).chain(found.into_iter().flatten()).chain(finished) {
+        let input = saved_input::names(store);
+        for name in ["surface"].into_iter().chain(input).chain(found.into_iter().flatten()).chain(finished) {
             let rows = store.tensors.get(name).map_or(0, Tensor::rows);
             expected.insert(name.into(), Tensor::zeros(&[rows, 3]));
         }
         store.check_tensors(&expected)?;
         let points = |name: &str| store.tensors[name].to_points();
         let surface = points("surface");
-        let cloud = saved_cloud::read(store)?;
+        let input = saved_input::read(store)?;
         let shape = match found {
             Some([verts, faces]) => FinalShape::Found(read_found(points(verts), &points(faces))?),
             None => {
@@ -147,7 +147,7 @@ impl Reconstruction {
         };
         let turned = store.get(TURNED).is_ok();
         let coverage = None;
-        Ok(Reconstruction { config, frame, cloud, shape, finish, surface, coverage, turned, notices })
+        Ok(Reconstruction { config, frame, input, shape, finish, surface, coverage, turned, notices })
     }
 }
 
@@ -233,7 +233,7 @@ mod tests {
             result.save(&path).unwrap();
             let loaded = Reconstruction::load(&path).unwrap();
             assert!(bits(&loaded) == bits(&result));
-            assert_eq!((loaded.cloud(), loaded.config()), (result.cloud(), result.config()));
+            assert_eq!((loaded.input_points(), loaded.config()), (result.input_points(), result.config()));
             assert!(loaded.notices().is_empty() && result.notices().is_empty());
             let error = Trainer::resume(&path, &ball(50), &tiny()).err().unwrap();
             assert_eq!(error.kind(), ErrorKind::Checkpoint);

@@ -1,4 +1,4 @@
-//! What can be said about a saved file without its cloud.
+//! What a saved file tells without the input points that a checkpoint needs to be resumed.
 
 use super::kind::{CHECKPOINT, RECONSTRUCTION};
 use super::options;
@@ -7,7 +7,7 @@ use crate::error::Error;
 use crate::reconstruct::final_shape::FinalShape;
 use crate::reconstruct::{Config, Reconstruction};
 
-/// What a file of this program holds, without the cloud that a checkpoint would need.
+/// A summary of a saved file; to resume a checkpoint, its input points are needed as well.
 #[derive(Clone, Debug, PartialEq)]
 #[non_exhaustive]
 pub struct Saved {
@@ -17,9 +17,9 @@ pub struct Saved {
     pub version: u32,
     /// The options of the run, adapted to the number of points.
     pub config: Config,
-    /// What has to be said about the options, as [`Reconstruction::notices`].
+    /// Notices about the options, as [`Reconstruction::notices`].
     pub notices: Vec<String>,
-    /// Distinct points of the cloud.
+    /// The number of input points.
     pub points: usize,
     /// Whether a network was trained; without, a result is the first shape, and the field of the options is not there.
     pub trained: bool,
@@ -58,14 +58,14 @@ impl Saved {
         if store.get("kind")?.starts_with(RECONSTRUCTION.name) {
             let version = RECONSTRUCTION.check(&store)?;
             let result = Reconstruction::of_store(&store)?;
-            let Reconstruction { config, notices, cloud, shape, .. } = result;
+            let Reconstruction { config, notices, input, shape, .. } = result;
             let trained = matches!(shape, FinalShape::Learned(_));
             return Ok(Saved {
                 kind: SavedKind::Result,
                 version,
                 config,
                 notices,
-                points: cloud.len(),
+                points: input.len(),
                 trained,
             });
         }
@@ -77,7 +77,7 @@ impl Saved {
             total_steps: config.total_steps(),
             recoveries: store.parse("recoveries")?,
         };
-        let points = points.ok_or_else(|| damaged("it does not say how many points the cloud has"))?;
+        let points = points.ok_or_else(|| damaged("it does not say how many input points there are"))?;
         Ok(Saved { kind, version, config, notices, points, trained: true })
     }
 }
@@ -103,8 +103,8 @@ mod tests {
         assert_eq!((run.points, &run.config, run.notices.len()), (50, trainer.config(), 0));
         let result = trainer.finish();
         let bytes = [bytes, result.to_bytes().unwrap()];
-        let told = Saved::from_bytes(&bytes[1]).unwrap();
-        assert_eq!((told.kind, told.points, &told.config), (SavedKind::Result, 50, result.config()));
+        let summary = Saved::from_bytes(&bytes[1]).unwrap();
+        assert_eq!((summary.kind, summary.points, &summary.config), (SavedKind::Result, 50, result.config()));
         let again = Reconstruction::from_bytes(&bytes[1]).unwrap();
         assert_eq!(again.sdf(&ball(5)), result.sdf(&ball(5)));
         for bytes in &bytes {

@@ -1,4 +1,4 @@
-//! Large, small and distant coordinates: results move and scale with the cloud.
+//! Large, small and distant coordinates: results move and scale with the input points.
 
 use super::super::*;
 use super::{ball, quick, tiny};
@@ -15,7 +15,7 @@ fn torus() -> Vec<[f64; 3]> {
 }
 
 #[test]
-fn moved_and_scaled_clouds_give_the_same_bytes_moved_and_scaled() {
+fn moved_and_scaled_points_give_the_same_bytes_moved_and_scaled() {
     let points = torus();
     let config = Config { denoise: true, ..tiny() };
     let result = run(&points, &config);
@@ -100,7 +100,7 @@ fn files_hold_large_coordinates_and_runs_go_on_from_them() {
     result.save(&file).unwrap();
     let loaded = Reconstruction::load(&file).unwrap();
     let sorted = crate::geometry::clean_cloud(&points).unwrap().sorted().points;
-    assert_eq!((loaded.cloud(), loaded.offset()), (&sorted[..], result.offset()));
+    assert_eq!((loaded.input_points(), loaded.offset()), (&sorted[..], result.offset()));
     assert!(loaded.mesh(20).unwrap() == result.mesh(20).unwrap());
     std::fs::remove_file(file).unwrap();
 }

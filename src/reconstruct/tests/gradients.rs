@@ -32,7 +32,7 @@ fn all_terms() -> Config {
 }
 
 /// [`all_terms`] as `default` trains: distances start from samples on the faces and lead to the faces, and the loss of
-/// late steps, where the weight of L_deform has decayed, is drawn to S and the cloud. The cloud has two blocks, and a
+/// late steps, where the weight of L_deform has decayed, is drawn to S and Q. Q has two blocks, and a
 /// step sees a part of it.
 fn sampled_in_blocks() -> Config {
     let mut config = all_terms();

@@ -1,4 +1,4 @@
-//! Tests of the whole training, and the small clouds and options that they share.
+//! Tests of the whole training, and the small point sets and options that they share.
 
 pub(super) mod ablations;
 mod anisotropy;
@@ -47,7 +47,7 @@ pub(in crate::reconstruct) fn ball(n: usize) -> Vec<[f32; 3]> {
     points.into_iter().map(|p| [p[0] + 10.0, p[1] - 4.0, p[2]]).collect()
 }
 
-/// A ball whose points scatter, with options for which that and its size change the cloud and the grid.
+/// A ball whose points scatter, with options for which its noise is taken off and its area changes the grid.
 pub(in crate::reconstruct) fn noisy(n: usize) -> (Vec<[f32; 3]>, Config) {
     let mut rng = ChaCha8Rng::seed_from_u64(4);
     let mut shift = || -> f32 { rng.random_range(-0.2..0.2) };

@@ -1,4 +1,4 @@
-//! The course of a run: its phases and events, what a step sees of the cloud, and the same bytes for any threads.
+//! The course of a run: its phases and events, which points a step uses, and the same bytes for any threads.
 
 use super::super::*;
 use super::{at_training, ball, bits, noisy, run, tiny};
@@ -9,7 +9,7 @@ use std::ops::ControlFlow;
 #[test]
 fn the_threads_do_not_change_a_byte() {
     let points = ball(120);
-    // Blocks and windows as for a large cloud.
+    // Blocks and windows as for many points.
     let mut large = tiny();
     large.batch = Batch { thin: Some(0.25), points: 50, centres: 30 };
     let offset = Config { deformation: crate::gdo::Deformation::Offset, ..tiny() };
@@ -93,10 +93,10 @@ fn the_callback_hears_of_recoveries() {
                 recovered.push(step);
             }
             Event::Step(report) => {
-                // The step that is told after a recovery is the one that it went on with.
-                let told: Option<&usize> = recovered.last();
+                // The first step reported after a recovery is the one that the run went on with.
+                let resumed: Option<&usize> = recovered.last();
                 if last.is_some_and(|before| report.recoveries > before) {
-                    assert_eq!(told, Some(&report.step));
+                    assert_eq!(resumed, Some(&report.step));
                 }
                 last = Some(report.recoveries);
             }
@@ -187,7 +187,7 @@ fn a_run_stopped_in_the_start_gives_what_it_has() {
 }
 
 #[test]
-fn scaled_clouds_use_windows_and_blocks() {
+fn many_points_use_windows_and_blocks() {
     let mut config = tiny();
     config.batch = Batch { thin: None, points: 32, centres: 20 };
     let mut trainer = at_training(&ball(100), &config);
@@ -209,20 +209,20 @@ fn scaled_clouds_use_windows_and_blocks() {
 }
 
 #[test]
-fn only_clouds_beyond_a_batch_are_thinned() {
+fn only_points_beyond_a_batch_are_thinned() {
     let mut config = tiny();
     // Cubes that hold several of the points.
     config.batch = Batch { thin: Some(2.0), points: 400, centres: 100 };
-    assert_eq!(Trainer::new(&ball(400), &config).unwrap().setup.working.len(), 400);
+    assert_eq!(Trainer::new(&ball(400), &config).unwrap().setup.denoised.len(), 400);
     let points = ball(401);
     let trainer = Trainer::new(&points, &config).unwrap();
-    let kept = trainer.setup.working.len();
+    let kept = trainer.setup.denoised.len();
     assert!((20..300).contains(&kept), "{kept}");
     // Not to almost nothing.
     config.batch.thin = Some(100.0);
-    assert_eq!(Trainer::new(&points, &config).unwrap().setup.working.len(), 401);
+    assert_eq!(Trainer::new(&points, &config).unwrap().setup.denoised.len(), 401);
     let result = trainer.finish();
-    assert_eq!((result.cloud().len(), result.surface_points().len()), (401, 4 * kept));
+    assert_eq!((result.input_points().len(), result.surface_points().len()), (401, 4 * kept));
 }
 
 /// Given up at each of its questions, a step leaves everything as it was.

@@ -64,7 +64,7 @@ fn the_field_is_in_the_units_of_the_input() {
             assert!((numeric - g[d]).abs() < 5e-4, "{numeric} {g:?}");
         }
     }
-    assert_eq!(result.cloud().len(), 150);
+    assert_eq!(result.input_points().len(), 150);
     assert_eq!(result.surface_points().len(), 150 * 6);
     let kind = result.mesh(1).unwrap_err().kind();
     assert_eq!(kind, ErrorKind::Config);
@@ -77,17 +77,17 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     // In the input's unit: the ball has a diameter of 6.
     let removed = trainer.noise_removed();
     assert!(removed > 0.04 && removed < 0.09, "{removed}");
-    let off = |cloud: &[[f32; 3]]| {
+    let off = |points: &[[f32; 3]]| {
         let radius = |p: &[f32; 3]| p.iter().map(|x| x * x).sum::<f32>().sqrt();
-        let mean = cloud.iter().map(radius).sum::<f32>() / cloud.len() as f32;
-        cloud.iter().map(|p| (radius(p) - mean).abs()).sum::<f32>() / cloud.len() as f32
+        let mean = points.iter().map(radius).sum::<f32>() / points.len() as f32;
+        points.iter().map(|p| (radius(p) - mean).abs()).sum::<f32>() / points.len() as f32
     };
     let sorted = crate::geometry::clean_cloud(&points).unwrap().sorted().points;
     let given = trainer.setup.frame.forward(&sorted);
     assert!(
-        off(&trainer.setup.working) < 0.8 * off(&given),
+        off(&trainer.setup.denoised) < 0.8 * off(&given),
         "{} {}",
-        off(&trainer.setup.working),
+        off(&trainer.setup.denoised),
         off(&given)
     );
     let mut finest = 0;
@@ -97,20 +97,20 @@ fn noise_is_removed_and_small_shapes_have_finer_grids() {
     // The root of 20 over about 3.1 times 12.
     assert!((28..=32).contains(&finest), "{finest}");
     // The result has the points as they were given, but in order.
-    assert_eq!(trainer.finish().cloud(), sorted);
+    assert_eq!(trainer.finish().input_points(), sorted);
 
     let left = Config { denoise: false, reference_area: None, ..config };
     let mut trainer = Trainer::new(&points, &left).unwrap();
-    assert_eq!((trainer.noise_removed(), &trainer.setup.working), (0.0, &given));
+    assert_eq!((trainer.noise_removed(), &trainer.setup.denoised), (0.0, &given));
     while !trainer.is_done() {
         assert!(trainer.step().unwrap().resolution.is_none_or(|cubes| cubes <= 12));
     }
-    // What S is made from follows the cloud: without parameters it would be the noisy points' otherwise.
+    // S is made of the denoised points, also by a map without parameters; of the working points it would be another.
     let upsample = Config { parameterization: Parameterization::Upsample, ..noisy(120).1 };
     let mut trainer = at_training(&points, &upsample);
     trainer.step().unwrap();
     let mut rng = Random::new(0);
-    let cloud = &trainer.setup.working;
-    let fresh = SurfaceMap::new(upsample.parameterization, upsample.bsp, cloud, &mut rng).unwrap();
-    assert_eq!(trainer.state.surface, fresh.surface(cloud, &fresh.blocks(cloud, None, 1000)));
+    let denoised = &trainer.setup.denoised;
+    let fresh = SurfaceMap::new(upsample.parameterization, upsample.bsp, denoised, &mut rng).unwrap();
+    assert_eq!(trainer.state.surface, fresh.surface(denoised, &fresh.blocks(denoised, None, 1000)));
 }

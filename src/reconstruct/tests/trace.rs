@@ -7,7 +7,7 @@
 //! - the target S united with Q replaced by S in `objective::target`: both of `default`;
 //! - `clip` ignored, the gradient only measured in `phases::train::step`: that with a clipped gradient;
 //! - the same samples on the faces in every step, stream 1 for all in `record`: both of `default`;
-//! - the cloud in its own order, the shuffle in `Setup::new` left out: all three.
+//! - the denoised points in their own order, the shuffle in `Setup::new` left out: all three.
 
 use super::super::*;
 use super::tiny;
@@ -59,7 +59,7 @@ fn losses(config: &Config) -> Vec<f32> {
 
 /// The most that a loss may differ from the stored one, as a share of it. Portable code rounds products and sums one by
 /// one, AVX2 and AVX-512 fuse them: 20 steps apart that comes to 1.1e-6 for `default`, 7e-7 with a clipped gradient and
-/// 4e-7 for `paper` on the cloud of `losses`. On most other clouds rounding decides at some step which face is the
+/// 4e-7 for `paper` on the points of `losses`. On most other points rounding decides at some step which face is the
 /// nearest, and small losses differ by a thousandth or more from there on. The planted faults change some loss by 0.04
 /// or more.
 const TOLERANCE: f32 = 5e-5;

@@ -5,7 +5,7 @@ use super::kernels::panel_columns;
 use crate::simd::{InstructionSet, instruction_set};
 use rayon::prelude::*;
 
-/// Inner indices that a panel covers: so many rows of a panel stay in the first-level cache.
+/// Inner indices that a panel covers: this many rows of a panel stay in the first-level cache.
 pub(crate) const DEPTH: usize = 256;
 
 /// Values of a right side below which its panels are filled on the calling thread.
