@@ -24,8 +24,8 @@ macro_rules! loss_terms {
             pub deform_decay: f32,
         }
 
-        /// The values of the loss terms in a step, before their weights; 0 where the weight is 0, and where the step
-        /// does not have the term.
+        /// The values of the loss terms in a step, before their weights. In the training a term is 0 where its weight
+        /// is 0 or the step does not have it; the pretraining has L_para alone, whatever its weight.
         #[derive(Clone, Copy, Debug, Default, PartialEq)]
         #[non_exhaustive]
         pub struct Terms {
@@ -93,7 +93,8 @@ loss_terms! {
         let verts = tape.value(inputs.field.points).to_points();
         Some(pull(tape, &verts, inputs.moved, inputs.target))
     };
-    /// The mean squared distance from each denoised point to the extracted surface.
+    /// The mean squared distance from each denoised point of the step (all, or `batch.points` of them) to the extracted
+    /// surface.
     cover, " Default 1, paper 0.": |tape, inputs| Some(match inputs.tree {
         None => tape.chamfer(inputs.drawn, inputs.seen, Direction::BACKWARD),
         Some(tree) => surface_distance(tape, inputs.crossings, inputs.faces, tree, inputs.seen),

@@ -80,8 +80,9 @@ pub fn reconstruct_with<P: Position>(
     if observer(&Event::Started { points, merged: prepared.merged, total_steps }).is_break() {
         return Err(Error::new(ErrorKind::Cancelled, "the run was cancelled before its first step"));
     }
-    // The input points become the working points (many are thinned), the first shape is found among these, and their
-    // noise is taken off, which leaves the denoised points; field and map get their initial weights.
+    // The input points become the working points (many are thinned). The Gauss formula finds a rough shape among them,
+    // with its normals noise is taken off, which leaves the denoised points, and the first shape is made from these.
+    // Field and map get their initial weights.
     let mut trainer = Trainer::from_prepared(prepared)?;
     // The field learns the first shape (`phases::start`), S learns to cover it (`phases::pretrain`), and both are
     // trained together with the grid (`phases::train`).

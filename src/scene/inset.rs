@@ -8,11 +8,12 @@ use std::collections::BinaryHeap;
 /// The signed distance of each of the v vertices of `mesh` to the boundary of the part that is `kept`, along the
 /// surface; positive in that part.
 ///
-/// In the kept part it is the length of the shortest way along edges (Dijkstra), each edge in the mean of the `spacing`
-/// (v, in the unit of the vertices) of its ends. Distances up to `limit` are exact; larger ones may be too large, up to
-/// infinity, which they are where no boundary can be reached. In the other part it is the shortest way along one edge,
-/// and minus infinity at vertices without a kept neighbour. `share(v, w)`, between 0 and 1, says where on the edge from
-/// the kept vertex v to the vertex w the boundary is.
+/// In the kept part it is the length of the shortest way along edges (Dijkstra); the length of an edge is divided by
+/// the mean `spacing` (v, in the unit of the vertices) of its ends, so that distances and `limit` are in spacings.
+/// Distances up to `limit` are exact; larger ones may be too large, up to infinity, which they are where no boundary
+/// can be reached. In the other part it is the shortest way along one edge, and minus infinity at vertices without a
+/// kept neighbour. `share(v, w)`, between 0 and 1, says where on the edge from the kept vertex v to the vertex w the
+/// boundary is.
 pub(super) fn distances_to_boundary<P: Position>(
     mesh: &TriangleMesh<P>,
     spacing: &[f32],

@@ -10,10 +10,9 @@ const AVERAGED: usize = 8;
 /// Nearest points among which one on the same side of the surface is looked for. On a sheet that was seen from both
 /// sides about every second point is.
 const SEARCHED: usize = 24;
-/// The share of the points that have a surface spacing of their own. What is 1.5 times sparser than all of these is a
-/// scatter and no surface.
+/// The quantile of the surface spacings that caps them; what is much sparser is a scatter and no surface.
 const DENSER_SHARE: f64 = 0.9;
-/// The surface spacing at a point is at most this many times the largest of those.
+/// The surface spacing at a point is at most this many times that quantile.
 const MAX_EXCESS: f64 = 1.5;
 /// Vertices that one thread works on at a time.
 const CHUNK: usize = 256;

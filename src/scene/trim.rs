@@ -34,21 +34,21 @@ pub struct Trimmed<P = [f32; 3]> {
 /// Cuts off `mesh` what `support`, the support of its vertices (v), says is unsupported.
 ///
 /// What has a gap above `factor` is unsupported, but for holes below 4 squares of the surface spacing. What is left
-/// then reaches beyond the outermost points by `factor` surface spacings, so the part within two fifths of `factor`
-/// of its boundary, measured along the surface in surface spacings, is cut off as well: a morphological closing, which
-/// bridges wide gaps between points and still ends near them. Pieces below 5 squares are dropped.
+/// then reaches beyond the outermost points by `factor` surface spacings; two fifths of this rim (1 - MAX_OVERHANG),
+/// measured along the surface in surface spacings, are cut off as well. Reaching far bridges wide gaps between points,
+/// and cutting some of it off ends the surface near them. Pieces below 5 squares are dropped.
 ///
 /// Faces that a limit runs through are cut along it, so that the boundary is a smooth line and not a saw. Where `mesh`
 /// is a manifold the result is one, its boundary made of closed loops; the orientation stays. Without an unsupported
 /// vertex the result is `mesh` itself, but for pieces that are dropped.
 ///
 /// # Panics
-/// If there is not one support a vertex, or a face names a vertex that is not there.
+/// If there is not one gap and one spacing a vertex, or a face names a vertex that is not there.
 #[track_caller]
 pub fn trim<P: Position>(mesh: &TriangleMesh<P>, support: &PointSupport, factor: f32) -> Trimmed<P> {
     let PointSupport { gap, surface_spacing: spacing } = support;
     let v = mesh.verts.len();
-    assert!(gap.len() == v && spacing.len() == v, "trim: {} supports, {v} vertices", gap.len());
+    assert!(gap.len() == v && spacing.len() == v, "trim: {} gaps, {v} vertices", gap.len());
     let mut squares = vertex_areas(mesh);
     squares.iter_mut().zip(spacing).for_each(|(area, &s)| *area /= f64::from(s) * f64::from(s));
     let mut kept: Vec<bool> = gap.iter().map(|&g| g <= factor).collect();
