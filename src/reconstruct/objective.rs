@@ -68,8 +68,8 @@ macro_rules! loss_terms {
 }
 
 loss_terms! {
-    /// L_para, the squared Chamfer distance between S and Q (equation 3) with the slack `bsp.slack`, in steps that train
-    /// the parameterization; in the pretraining S is also compared with samples of the first shape.
+    /// L_para, the squared Chamfer distance between S and Q (equation 3) with the slack `bsp.slack`, in steps that
+    /// train the parameterization; in the pretraining S is also compared with samples of the first shape.
     para, " Default 10, paper 10.": |_, inputs| inputs.para;
     /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5).
     deform, " Default 0.5, paper 1.": |tape, inputs| Some(match inputs.tree {
