@@ -18,7 +18,7 @@ const CHART_OFFSET: f32 = 0.1;
 /// instead of anywhere. With charts, s is the place of p in the chart of its patch's centre, plus a tenth of that
 /// offset.
 ///
-/// Shapes: features c x channels, points c x 3, patches (b M) x 3 to (b M) x 3. Parameters: `query` and `memory` (to c
+/// Shapes: features p x c, points p x 3, patches (b M) x 3 to (b M) x 3. Parameters: `query` and `memory` (to c
 /// and c channels), `block` (the decoder block), `out` (c to c to c to 3). The frequencies of the code embedding are
 /// fixed.
 #[derive(Clone, Debug)]
@@ -56,8 +56,8 @@ impl Inverse {
         }
     }
 
-    /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (c x channels) and
-    /// positions (c x 3) of a context; `block` has the rows of the context that each centre's patch attends to, and
+    /// The part of S (b M x 3) of b centres with their patches (b M x 3), from the features (p x c) and
+    /// positions (p x 3) of a context; `block` has the rows of the context that each centre's patch attends to, and
     /// the charts, if there are any.
     ///
     /// # Panics

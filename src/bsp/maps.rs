@@ -73,7 +73,7 @@ impl Bsp {
         &mut self.params
     }
 
-    /// Codes, patches and surface of the centres of a block; `context` (c x 3) holds the points of `block.context()`.
+    /// Codes, patches and surface of the centres of a block; `context` (p x 3) holds the points of `block.context()`.
     ///
     /// # Panics
     /// If `context` does not fit the block.

@@ -20,7 +20,7 @@ pub struct Neighbourhood {
     centres: usize,
     neighbours: Arc<[u32]>,
     reach: Option<Arc<[u32]>>,
-    /// The initial codes of the context, c x 3, unit length, if `layout` is set.
+    /// The initial codes of the context, p x 3, unit length, if `layout` is set.
     layout: Option<Arc<Tensor>>,
     /// The charts of the centres (b), if there are any.
     charts: Option<Arc<[Chart]>>,
@@ -198,7 +198,7 @@ impl Neighbourhood {
         self.neighbours.clone()
     }
 
-    /// Where the codes of the context begin, c x 3, if they have a layout.
+    /// Where the codes of the context begin, p x 3, if they have a layout.
     pub(super) fn layout(&self) -> Option<&Arc<Tensor>> {
         self.layout.as_ref()
     }

@@ -131,7 +131,7 @@ impl SurfaceMap {
         }
     }
 
-    /// A block's part of S. `context` is c x 3: the points of `block.context()`.
+    /// A block's part of S. `context` is p x 3: the points of `block.context()`.
     ///
     /// # Panics
     /// If `context` does not fit the block.

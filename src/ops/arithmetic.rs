@@ -2,7 +2,7 @@
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::simd::kernel;
-use crate::tensor::{Tensor, add_row_sums, map, map_rows, map2, sum_f64};
+use crate::tensor::{Tensor, add_row_sums, copied, map, map_rows, map2, sum_f64};
 
 /// How the second operand is spread over the first, which is n x c.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -116,7 +116,7 @@ impl Op<2> for Add {
         (combine(a, b, how, add_same, add_one), how)
     }
     fn vjp(&self, at: At<'_, 2, Spread>, dy: &Tensor) -> [Option<Tensor>; 2] {
-        [at.needs[0].then(|| dy.clone()), at.needs[1].then(|| collapse(dy.clone(), at.x[1], *at.saved))]
+        [at.needs[0].then(|| copied(dy)), at.needs[1].then(|| collapse(copied(dy), at.x[1], *at.saved))]
     }
 }
 
@@ -131,7 +131,7 @@ impl Op<2> for Sub {
     }
     fn vjp(&self, at: At<'_, 2, Spread>, dy: &Tensor) -> [Option<Tensor>; 2] {
         let negated = || map(dy, |o, x| mul_one(o, x, -1.0));
-        [at.needs[0].then(|| dy.clone()), at.needs[1].then(|| collapse(negated(), at.x[1], *at.saved))]
+        [at.needs[0].then(|| copied(dy)), at.needs[1].then(|| collapse(negated(), at.x[1], *at.saved))]
     }
 }
 

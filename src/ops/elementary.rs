@@ -2,7 +2,7 @@
 
 use crate::autodiff::{At, Op, Tape, Var};
 use crate::simd::{exp_slice, kernel, sin_cos_slice, tanh_slice};
-use crate::tensor::{Tensor, map, map2};
+use crate::tensor::{Tensor, map, map_to_two, map2};
 
 /// Defines y = f(x) with dx = dy * g(x, y), both as loops over slices.
 macro_rules! elementary {
@@ -62,7 +62,7 @@ impl Op<1> for Circular {
     type Saved = Tensor;
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, Tensor) {
         let (mut sin, mut cos) = (x.uninit_like(x.dims()), x.uninit_like(x.dims()));
-        sin_cos_slice(sin.data_mut(), cos.data_mut(), x.data());
+        map_to_two(&mut sin, &mut cos, x, sin_cos_slice);
         if self.cosine { (cos, sin) } else { (sin, cos) }
     }
     fn vjp(&self, at: At<'_, 1, Tensor>, dy: &Tensor) -> [Option<Tensor>; 1] {

@@ -1,7 +1,7 @@
 //! Sums and means: of everything, over rows, over columns, over groups of k rows.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, add_row_sums, sum_f64};
+use crate::tensor::{Tensor, add_row_sums, map_rows, sum_f64};
 
 /// A scale times the sum of all elements.
 struct Sum {
@@ -54,9 +54,11 @@ impl Op<1> for SumGroups {
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let c = dy.cols().max(1);
         let mut dx = dy.uninit_like(at.x[0].dims());
-        for (i, o) in dx.data_mut().chunks_exact_mut(c).enumerate() {
-            o.copy_from_slice(dy.row(i / self.k));
-        }
+        map_rows(dx.data_mut(), c, |first, piece| {
+            for (i, o) in piece.chunks_exact_mut(c).enumerate() {
+                o.copy_from_slice(dy.row((first + i) / self.k));
+            }
+        });
         [Some(dx)]
     }
 }
@@ -76,9 +78,11 @@ impl Op<1> for SumCols {
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let x = at.x[0];
         let mut dx = dy.uninit_like(x.dims());
-        for (row, &d) in dx.data_mut().chunks_exact_mut(x.cols().max(1)).zip(dy.data()) {
-            row.fill(d);
-        }
+        map_rows(dx.data_mut(), x.cols(), |first, piece| {
+            for (row, &d) in piece.chunks_exact_mut(x.cols().max(1)).zip(&dy.data()[first..]) {
+                row.fill(d);
+            }
+        });
         [Some(dx)]
     }
 }
@@ -132,6 +136,28 @@ mod tests {
                 check(|t, x| op(t, x[0]), std::slice::from_ref(&x), seed);
             }
             check(|t, x| t.sum_groups(x[0], k), &[x], seed);
+        }
+    }
+
+    /// With as many rows as are filled in several pieces.
+    #[test]
+    fn gradients_of_sums_are_spread_over_all_rows() {
+        let (n, k, c) = (6_000, 3, 4);
+        let mut t = Tape::new();
+        let x = t.input(normal(&[n * k, c], 1));
+        let (weights_of_groups, weights_of_rows) = (normal(&[n, c], 2), normal(&[n * k, 1], 3));
+        let (groups, rows) = (t.sum_groups(x, k), t.sum_cols(x));
+        let (u, v) = (t.constant(weights_of_groups.clone()), t.constant(weights_of_rows.clone()));
+        let (groups, rows) = (t.mul(groups, u), t.mul(rows, v));
+        let (groups, rows) = (t.sum(groups), t.sum(rows));
+        let both = t.add(groups, rows);
+        let gradient = t.backward(both);
+        let dx = gradient.get(x).unwrap();
+        for i in 0..n * k {
+            for j in 0..c {
+                let want = weights_of_groups.row(i / k)[j] + weights_of_rows.row(i)[0];
+                assert_eq!(dx.row(i)[j], want, "row {i}, column {j}");
+            }
         }
     }
 

@@ -1,7 +1,7 @@
 //! Rows by index: gather, its transpose scatter-add, repetition, and a least value for some.
 
 use crate::autodiff::{At, Op, Tape, Var};
-use crate::tensor::{Tensor, gather_rows, scatter_add_rows};
+use crate::tensor::{Tensor, add_row_sums, gather_rows, map_rows, scatter_add_rows};
 use std::sync::Arc;
 
 /// Row i of the result is row `index[i]` of x.
@@ -45,16 +45,18 @@ impl Op<1> for RepeatRows {
     type Saved = ();
     fn forward(&self, [x]: [&Tensor; 1]) -> (Tensor, ()) {
         let mut y = x.uninit_like(&[x.rows() * self.k, x.cols()]);
-        for (i, row) in y.data_mut().chunks_exact_mut(x.cols().max(1)).enumerate() {
-            row.copy_from_slice(x.row(i / self.k));
-        }
+        map_rows(y.data_mut(), x.cols(), |first, piece| {
+            for (i, row) in piece.chunks_exact_mut(x.cols().max(1)).enumerate() {
+                row.copy_from_slice(x.row((first + i) / self.k));
+            }
+        });
         (y, ())
     }
     fn vjp(&self, at: At<'_, 1, ()>, dy: &Tensor) -> [Option<Tensor>; 1] {
         let mut dx = dy.zeros_like_pool(at.x[0].dims());
         let c = dy.cols().max(1);
         for (o, group) in dx.data_mut().chunks_exact_mut(c).zip(dy.data().chunks_exact(c * self.k.max(1))) {
-            crate::tensor::add_row_sums(o, group);
+            add_row_sums(o, group);
         }
         [Some(dx)]
     }
@@ -162,6 +164,16 @@ mod tests {
             check(|t, x| t.scatter_add_rows(x[0], index.clone(), n), &[rows], seed);
             check(|t, x| t.repeat_rows(x[0], k), std::slice::from_ref(&x), seed);
             check(|t, x| t.raise_rows(x[0], index.clone(), 0.3), &[x], seed);
+        }
+
+        /// Few rows, and as many as are written in several pieces.
+        #[test]
+        fn repeated_rows_are_the_row(n in prop_oneof![0usize..12, Just(7_000)], c in 1usize..4, k in 1usize..7) {
+            let x = normal(&[n, c], 1);
+            let mut tape = Tape::new();
+            let v = tape.input(x.clone());
+            let y = tape.repeat_rows(v, k);
+            prop_assert!((0..n * k).all(|i| tape.value(y).row(i) == x.row(i / k)));
         }
 
         #[test]

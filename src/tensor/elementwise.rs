@@ -21,8 +21,18 @@ impl Tensor {
     #[track_caller]
     pub(crate) fn add_assign(&mut self, other: &Tensor) {
         assert!(self.shape() == other.shape(), "add_assign: {:?} and {:?}", self.shape(), other.shape());
-        add_assign(self.data_mut(), other.data());
+        if self.len() < MIN_PARALLEL {
+            add_assign(self.data_mut(), other.data());
+        } else {
+            let pieces = self.data_mut().par_chunks_mut(BLOCK).zip(other.data().par_chunks(BLOCK));
+            pieces.for_each(|(out, x)| add_assign(out, x));
+        }
     }
+}
+
+/// The same values in a new tensor, copied by several threads if it is large.
+pub(crate) fn copied(x: &Tensor) -> Tensor {
+    map(x, |out, x| out.copy_from_slice(x))
 }
 
 /// Calls `f(out, x)` on equal pieces of a new tensor and of `x`, side by side on several threads if it is large.
@@ -96,6 +106,21 @@ mod tests {
             let sums = same_at_all(|| { let mut out = y.clone(); add_assign(&mut out, &x); out });
             let same = |(sum, (x, y)): (f32, (&f32, &f32))| sum == x + y || sum.is_nan() && (x + y).is_nan();
             prop_assert!(sums.into_iter().zip(x.iter().zip(&y)).all(same));
+        }
+
+        /// Sizes on both sides of [`MIN_PARALLEL`].
+        #[test]
+        fn large_sums_and_copies_are_those_of_one_loop(n in MIN_PARALLEL - 3..MIN_PARALLEL + BLOCK + 3, seed: u64) {
+            let of = |salt: u64| {
+                let value = |i: u64| ((i ^ seed).wrapping_mul(salt) >> 40) as f32 - 8e6;
+                Tensor::from_vec(&[n, 1], (0..n as u64).map(value).collect())
+            };
+            let (x, y) = (of(0x9e37_79b9_7f4a_7c15), of(0xd1b5_4a32_d192_ed03));
+            let mut sum = copied(&x);
+            prop_assert_eq!(sum.data(), x.data());
+            sum.add_assign(&y);
+            let one = |(sum, (x, y)): (&f32, (&f32, &f32))| *sum == x + y;
+            prop_assert!(sum.data().iter().zip(x.data().iter().zip(y.data())).all(one));
         }
     }
 }

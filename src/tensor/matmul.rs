@@ -36,7 +36,7 @@ thread_local! {
 /// If the inner sides differ or `out` is too short.
 #[track_caller]
 pub(crate) fn gemm(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef<'_>) {
-    gemm_with(out, stride, base, a, b, gemm_panels);
+    gemm_with(out, stride, base, a, b, true);
 }
 
 /// [`gemm`] on the calling thread alone, for work that is one of many parallel pieces already.
@@ -45,25 +45,28 @@ pub(crate) fn gemm(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>
 /// As [`gemm`].
 #[track_caller]
 pub(crate) fn gemm_serial(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef<'_>) {
-    gemm_with(out, stride, base, a, b, gemm_panels_serial);
+    gemm_with(out, stride, base, a, b, false);
 }
 
 #[track_caller]
-fn gemm_with(
-    out: &mut [f32],
-    stride: usize,
-    base: Base<'_>,
-    a: MatRef<'_>,
-    b: MatRef<'_>,
-    product: fn(&mut [f32], usize, Base<'_>, MatRef<'_>, &Panels),
-) {
+fn gemm_with(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef<'_>, parallel: bool) {
     let (m, k, n) = (a.rows(), a.cols(), b.cols());
     if is_empty(out, stride, a, b.rows(), n) {
         return;
     }
     if k == 0 || m <= MAX_THIN || k <= MAX_THIN || n <= thin_right(a) {
-        thin(out, stride, base, a, b);
+        if parallel && m * n * k >= MIN_PARALLEL && m > BLOCK && !a.is_transposed() {
+            out.par_chunks_mut(BLOCK * stride).enumerate().for_each(|(i, piece)| {
+                let first = i * BLOCK;
+                if first < m {
+                    thin(piece, stride, base, a.part(first, BLOCK.min(m - first), 0, k), b);
+                }
+            });
+        } else {
+            thin(out, stride, base, a, b);
+        }
     } else {
+        let product = if parallel { gemm_panels } else { gemm_panels_serial };
         // Taken out, not borrowed: while this thread waits for others it may begin another product.
         let mut panels = PANELS.take();
         // One panel's depth at a time: its panels are still in the cache when they are used.
@@ -159,13 +162,8 @@ fn thin(out: &mut [f32], stride: usize, base: Base<'_>, a: MatRef<'_>, b: MatRef
     } else if !b.is_transposed() {
         thin_axpy(out, stride, a, b);
     } else {
-        for (i, row) in out.chunks_mut(stride).take(m).enumerate() {
-            for (j, o) in row[..n].iter_mut().enumerate() {
-                for l in 0..k {
-                    *o += a.at(i, l) * b.at(l, j);
-                }
-            }
-        }
+        let rows: Vec<f32> = (0..k).flat_map(|l| (0..n).map(move |j| b.at(l, j))).collect();
+        thin_axpy(out, stride, a, MatRef::window(&rows, k, n, n));
     }
 }
 
@@ -290,6 +288,27 @@ mod tests {
                 gemm(&mut out[1..], 2, Base::Zero, MatRef::window(&right, n, 4, 4).t(), few);
                 out
             });
+        }
+
+        /// Few inner values or few rows, with a right side as it is and transposed, of one piece or of several.
+        #[test]
+        fn thin_products_are_the_plain_chain(
+            m in prop_oneof![1usize..12, Just(96), 97usize..500], k in 1usize..6, n in 6usize..900,
+            transposed: bool, seed: u8,
+        ) {
+            let (m, k) = if m <= MAX_THIN && seed % 2 == 0 { (m, 40) } else { (m, k) };
+            let (a, b) = (filled(m, k, f32::from(seed)), filled(k, n, 1.3));
+            let stored = if transposed { transposed_of(&b) } else { b.clone() };
+            let right = if transposed { stored.as_mat().t() } else { stored.as_mat() };
+            let mut out = vec![0.25; m * (n + 2)];
+            gemm(&mut out, n + 2, Base::Out, a.as_mat(), right);
+            for i in 0..m {
+                for j in 0..n {
+                    let chain = (0..k).fold(0.25, |sum, l| sum + a.row(i)[l] * b.row(l)[j]);
+                    prop_assert_eq!(out[i * (n + 2) + j], chain, "row {}, column {}", i, j);
+                }
+                prop_assert!(i + 1 == m || out[i * (n + 2) + n..][..2] == [0.25; 2]);
+            }
         }
 
         #[test]

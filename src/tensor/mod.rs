@@ -15,7 +15,7 @@ mod shape;
 pub(crate) use crate::simd::product::{Base, DEPTH, MatRef, Panels};
 pub use buffer::Pool;
 pub use dense::Tensor;
-pub(crate) use elementwise::{MIN_PARALLEL, map, map_rows, map_to_two, map2, row_block};
+pub(crate) use elementwise::{MIN_PARALLEL, copied, map, map_rows, map_to_two, map2, row_block};
 pub(crate) use matmul::{gemm, gemm_panels_serial, gemm_serial};
 pub use matmul::{matmul, matmul_nt, matmul_tn, matmul_tt};
 pub(crate) use reduce::{add_row_sums, dot, lane_axpy, lane_dot, lane_max, lane_sum, sum_f64};

@@ -55,7 +55,7 @@ pub(in crate::reconstruct) fn step(
     })
 }
 
-/// A block's part of S ((b M) x 3 for BSP) and its context (c x 3), on the tape.
+/// A block's part of S ((b M) x 3 for BSP) and its context (p x 3), on the tape.
 pub(super) fn forward_map(
     tape: &mut Tape,
     map: &SurfaceMap,
@@ -71,7 +71,7 @@ pub(super) fn forward_map(
 }
 
 /// L_para of a block, a mean of squared distances both ways: from the block's part of S to the nearest of `context`
-/// (c x 3, the points around the block, its centres first), less the slack if there is one; and from the centres to the
+/// (p x 3, the points around the block, its centres first), less the slack if there is one; and from the centres to the
 /// nearest point of that part of S. Samples of the first shape count as further points: those nearest to a centre as
 /// centres, the others as context.
 pub(super) fn para_term(
@@ -97,7 +97,7 @@ pub(super) fn para_term(
     tape.add(out, back)
 }
 
-/// The samples (m x 3) and then the points (c x 3), as rows of one tensor.
+/// The samples (m x 3) and then the points (p x 3), as rows of one tensor.
 fn with_samples(tape: &mut Tape, points: Var, samples: &[[f32; 3]]) -> Var {
     if samples.is_empty() {
         return points;
