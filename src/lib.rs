@@ -4,6 +4,9 @@
 //! mesh. The method is bijective surface parameterization with grid deformation optimization (CVPR 2025): a map to the
 //! unit sphere and back makes a denser surface S of the points, and a small network g learns the field by moving the
 //! vertices of a tetrahedral grid onto S. Everything is trained for the one cloud given; there is no training data.
+//! Training starts from a first shape that the points determine (module [`start`]), except with the preset `paper`;
+//! clouds of more than 1,000 points keep that shape and are not trained unless the options ask for it
+//! ([`Config::train_up_to`]).
 //!
 //! ```
 //! use bijective_sdf::geometry::AnalyticShape;
@@ -41,9 +44,10 @@
 //!   *cloud* is what a file holds.
 //! - **Sign.** The field is negative inside.
 //! - **Winding.** Faces run counter-clockwise seen from outside, so a closed mesh has a positive volume.
-//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes or places to evaluate
-//!   at, k neighbours, c channels, h heads, v vertices, e edges, t tetrahedra, f faces; b centres of a block, i
-//!   points of S. Tensors are row-major.
+//! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes or places to evaluate at, k
+//!   neighbours, c channels, h heads, v vertices, e edges, t tetrahedra, f faces; M codes in a patch, i points of S; b
+//!   centres of a block of points and p points around it, its context; q points that a step sees. Tensors are
+//!   row-major.
 //! - **Randomness.** The seed is part of the options. The same input, seed and options give the same bytes for any
 //!   number of threads on one machine.
 //! - **Errors.** Wrong data gives an [`Error`] with where and what to do; wrong shapes are bugs and panic, naming both.
@@ -86,6 +90,8 @@
 //! To change something here, read `src/README.md`: the map, the rules, and where a new operation, loss term, format or
 //! option goes.
 #![cfg_attr(docsrs, feature(doc_cfg))]
+// The library prints nothing and leaves nothing to do.
+#![deny(clippy::print_stdout, clippy::print_stderr, clippy::dbg_macro, clippy::todo, clippy::unimplemented)]
 
 pub mod autodiff;
 pub mod bsp;

@@ -3,7 +3,7 @@
 //! Phi's head alone starts with all codes in one spot, and nothing in the paper's losses spreads them. The layout is
 //! what the head's output is added to ([`Canonical`](super::Canonical)).
 
-use crate::geometry::vec3::{length, sub};
+use crate::geometry::vec3::{length, sub, unit_vector};
 use crate::geometry::{KdTree, PrincipalAxes, fibonacci_sphere, mean_point};
 use nalgebra::{Matrix3, Vector3};
 use rayon::prelude::*;
@@ -79,7 +79,7 @@ pub(super) fn spherical_layout(points: &[[f32; 3]], neighbours: &[u32]) -> Vec<[
                 });
                 let step: [f32; 3] = std::array::from_fn(|d| PUSH * spacing * push[d] + draw * pull[d]);
                 let most = (spacing / length(step).max(1e-12)).min(1.0);
-                unit(std::array::from_fn(|d| u[d] + most * step[d])).unwrap_or(u)
+                unit_vector(std::array::from_fn(|d| u[d] + most * step[d])).unwrap_or(u)
             })
             .collect();
     }
@@ -105,14 +105,9 @@ fn projected(points: &[[f32; 3]]) -> Vec<[f32; 3]> {
     let place = |(p, even): (&[f32; 3], &[f32; 3])| {
         let d = whiten * (wide(p) - mean);
         let d = d.try_normalize(1e-12).unwrap_or_else(Vector3::zeros) + mixed * wide(even);
-        unit([d.x as f32, d.y as f32, d.z as f32]).unwrap_or(*even)
+        unit_vector([d.x as f32, d.y as f32, d.z as f32]).unwrap_or(*even)
     };
     points.iter().zip(&even).map(place).collect()
-}
-
-fn unit(v: [f32; 3]) -> Option<[f32; 3]> {
-    let length = length(v);
-    (length > 1e-6).then(|| v.map(|x| x / length))
 }
 
 #[cfg(test)]

@@ -3,7 +3,7 @@
 //! Everything is summed in the order x, y, z, in the precision of its arguments: neighbour searches rank by exactly
 //! these bits.
 
-use std::ops::{Add, Mul, Sub};
+use std::ops::{Add, Div, Mul, Sub};
 
 /// a - b.
 #[inline]
@@ -36,15 +36,20 @@ pub(crate) fn length<T: Root + Add<Output = T> + Mul<Output = T>>(v: [T; 3]) -> 
 }
 
 /// v / |v| in the precision of its arguments; `None` for a vector that is zero or not finite.
-pub(crate) fn unit_vector(v: [f64; 3]) -> Option<[f64; 3]> {
+pub(crate) fn unit_vector<T>(v: [T; 3]) -> Option<[T; 3]>
+where
+    T: Root + Add<Output = T> + Mul<Output = T> + Div<Output = T>,
+{
     let length = length(v);
-    (length > 0.0 && length.is_finite()).then(|| v.map(|x| x / length))
+    length.is_positive().then(|| v.map(|x| x / length))
 }
 
 /// Numbers that have square roots.
 pub(crate) trait Root: Copy {
     /// The square root.
     fn root(self) -> Self;
+    /// Above 0 and finite.
+    fn is_positive(self) -> bool;
 }
 
 impl Root for f32 {
@@ -52,12 +57,22 @@ impl Root for f32 {
     fn root(self) -> f32 {
         self.sqrt()
     }
+
+    #[inline]
+    fn is_positive(self) -> bool {
+        self > 0.0 && self.is_finite()
+    }
 }
 
 impl Root for f64 {
     #[inline]
     fn root(self) -> f64 {
         self.sqrt()
+    }
+
+    #[inline]
+    fn is_positive(self) -> bool {
+        self > 0.0 && self.is_finite()
     }
 }
 

@@ -82,11 +82,12 @@ loss_terms! {
     });
     /// L_surf, the mean of |g| on the active grid vertices (equation 6).
     surf, " Default 0, paper 0.01.": |tape, inputs| Some(mean_abs(tape, inputs.field.sdf));
-    /// The mean of (|grad g| - 1)^2 on the active vertices, the denoised points and bridges (Gropp et al. 2020).
+    /// The mean of (|grad g| - 1)^2 on the active vertices, the denoised points of the step (all, or `batch.points` of
+    /// them) and bridges (Gropp et al. 2020).
     eikonal, " Default 0.001, paper 0.": |tape, inputs| Some(eikonal(tape, inputs.gradient));
     /// The mean squared uniform Laplacian of the extracted mesh.
     laplacian, " Default 0.01, paper 0.": |tape, inputs| Some(tape.laplacian(inputs.crossings, inputs.faces));
-    /// The mean of |g| on the denoised points.
+    /// The mean of |g| on the denoised points of the step.
     on_points, " Default 0.02, paper 0.": |tape, inputs| inputs.sdf_at_points.map(|sdf| mean_abs(tape, sdf));
     /// The mean squared distance from each moved grid vertex to the target point nearest to it before the move
     /// (Ma et al. 2021, Neural-Pull); alone, the paper's ablation f_TPS.
@@ -94,8 +95,7 @@ loss_terms! {
         let verts = tape.value(inputs.field.points).to_points();
         Some(pull(tape, &verts, inputs.moved, inputs.target))
     };
-    /// The mean squared distance from each denoised point of the step (all, or `batch.points` of them) to the extracted
-    /// surface.
+    /// The mean squared distance from each denoised point of the step to the extracted surface.
     cover, " Default 1, paper 0.": |tape, inputs| Some(match inputs.tree {
         None => tape.chamfer(inputs.drawn, inputs.seen, Direction::BACKWARD),
         Some(tree) => surface_distance(tape, inputs.crossings, inputs.faces, tree, inputs.seen),

@@ -1,7 +1,7 @@
 //! Surfaces of scenes, which a scan saw in part only: how well the points support each part of a closed surface, and
 //! the unsupported parts cut away.
 
-mod inset;
+mod boundary;
 mod support;
 #[cfg(test)]
 mod testing;

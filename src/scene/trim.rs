@@ -1,7 +1,7 @@
 //! A closed surface cut where no point supports it, along smooth lines.
 
 use super::PointSupport;
-use super::inset::distances_to_boundary;
+use super::boundary::distances_to_boundary;
 use crate::geometry::vec3::triangle_area;
 use crate::geometry::{Position, TriangleMesh, connected};
 use std::collections::HashMap;
