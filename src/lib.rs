@@ -39,15 +39,15 @@
 //!   ([`geometry::Normalizer`]). Lengths in [`Config`] are in the working frame.
 //! - **Points.** The *input points* are those that the caller passes, made distinct and sorted, in the input's frame
 //!   (the program leaves strays out before). The *working points* are the input points in the working frame, made even
-//!   if they lie on scan lines, and thinned if there are many. The *denoised points* are the working points without the
-//!   noise that was found, or the same if none was; they are the paper's Q, for which S and the field are trained. A
-//!   *cloud* is what a file holds.
+//!   if they lie on scan lines, and thinned to some 4,000 if there are more and they are to be trained. The *denoised
+//!   points* are the working points without the noise that was found, or the same if none was; they are the paper's Q,
+//!   for which S and the field are trained. A *cloud* is what a file holds.
 //! - **Sign.** The field is negative inside.
 //! - **Winding.** Faces run counter-clockwise seen from outside, so a closed mesh has a positive volume.
 //! - **Dimensions.** Shapes in the documentation use one alphabet: n points, m codes or places to evaluate at, k
 //!   neighbours, c channels, h heads, v vertices, e edges, t tetrahedra, f faces; M codes in a patch, i points of S; b
-//!   centres of a block of points and p points around it, its context; q points that a step sees. Tensors are
-//!   row-major.
+//!   centres of a block of points and p points of its context, the centres and points around them; q points that a step
+//!   sees. Tensors are row-major.
 //! - **Randomness.** The seed is part of the options. The same input, seed and options give the same bytes for any
 //!   number of threads on one machine.
 //! - **Errors.** Wrong data gives an [`Error`] with where and what to do; wrong shapes are bugs and panic, naming both.

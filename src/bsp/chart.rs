@@ -1,5 +1,7 @@
 //! Charts: around every point of Q, a piece of a curved surface through it, seen from its code on the sphere.
 //!
+//! Used with the option `bsp.charts`, which of the presets only `paper` has.
+//!
 //! They give Psi something to start from that fills the gaps between points: the patch of codes around a point's code
 //! becomes a disc around the point, as large as its share of the surface, in the plane of its normal (that of the first
 //! shape, or of its neighbours), tilted and bent as the neighbours lie. What Psi learns is added to it. The paper lets

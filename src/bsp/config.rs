@@ -12,7 +12,7 @@ pub struct BspConfig {
     pub neighbours: usize,
     /// Codes M in a patch. Default 10.
     pub patch: usize,
-    /// Codes on the whole sphere, as a multiple of n M. With about 1 the patches tile it; the authors' code has 50,000
+    /// Codes on the whole sphere, as a multiple of n M. With about 1 patches whose centres are spread evenly tile it; the authors' code has 50,000
     /// codes for 300 points, a multiple of 17, whose patches are much smaller than the gaps between points. Default 1.
     pub code_density: f32,
     /// Points whose features a patch attends to: the nearest in space to its centre. `None` (`all`) is all of them, as
@@ -33,10 +33,10 @@ pub struct BspConfig {
     /// a surface through the points without lying on them everywhere. Has no effect without `charts`. Default 0; the
     /// preset `paper` has 1 (`benches/paper.md`).
     pub slack: f32,
-    /// Weight of the turn of the normal in the distance that neighbours are chosen by, where Q has normals (from
-    /// the field's first shape): sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2), s the distance from p to
-    /// its sixth nearest point. It keeps S from bridging sheets that lie close together. 0 is the distance in space, as
-    /// in the paper. Default 1.5.
+    /// Weight of the difference of the unit normals in the distance that neighbours are chosen by, where Q has normals
+    /// (those of the field's first shape). With s the distance from p to its sixth nearest point, that distance is
+    /// sqrt(|p - q|^2 + (normal_weight s)^2 |n_p - n_q|^2). It keeps S from bridging sheets that lie close together. 0
+    /// is the distance in space, as in the paper. Default 1.5.
     pub normal_weight: f32,
 }
 

@@ -71,8 +71,9 @@ pub struct CodeCoverage {
     pub sphere: usize,
     /// How many of the sphere's codes are in at least one patch.
     pub used: usize,
-    /// Pairs of points of S in one place: nearer to each other than the first one's point of Q is to the nearest other
-    /// point of Q. Counted both ways, and in a large S from every second, third, ... point only.
+    /// Pairs of points of S in one place. Two points of S are such a pair if they are closer to each other than the
+    /// centre of the first one's patch is to the nearest other point of Q. Counted both ways, and in a large S from
+    /// every second, third, ... point only.
     pub near_pairs: usize,
     /// How many of these pairs have codes that are far apart: by more than five times 2 / sqrt(n), the radius of a cap
     /// with an n-th of the sphere, which is what a patch has where the patches tile the sphere.

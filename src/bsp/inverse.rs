@@ -6,12 +6,13 @@ use crate::geometry::nearest_distances;
 use crate::nn::{Activation, Bound, DecoderBlock, DecoderSizes, GaussianFourier, Mlp, Reach, Scope};
 use crate::random::Random;
 
-/// How far an output of 1 moves a point of S from its chart, in mean nearest distances of Q: means
-/// over its points of the distance to the nearest other one.
+/// How far an output of 1 moves a point of S from its chart, in mean nearest distances of Q: the mean over the points
+/// of Q of the distance to the nearest other one.
 const CHART_OFFSET: f32 = 0.1;
 
-/// s = Psi(phi(features), p): a decoder block whose queries are embedded codes and whose memory is the features of
-/// all points (equation 2 of the paper), then a perceptron to space.
+/// s = Psi(varphi(features), p) for a code p of a patch: a decoder block whose queries are embedded codes and whose
+/// memory is what the perceptron varphi makes of the features of the points within reach (all of them in the paper,
+/// equation 2), then a perceptron to space.
 ///
 /// With `average_positions`, s is the average of the attended points' positions under the attention's own weights,
 /// plus the perceptron's output times the mean nearest distance of Q: the surface starts among the points

@@ -1,5 +1,7 @@
 //! Where the codes of the points begin: spread evenly over the unit sphere, those of neighbours together.
 //!
+//! Used with the option `bsp.layout`, which of the presets only `paper` has.
+//!
 //! Phi's head alone starts with all codes in one spot, and nothing in the paper's losses spreads them. The layout is
 //! what the head's output is added to ([`Canonical`](super::Canonical)).
 

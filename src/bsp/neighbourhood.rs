@@ -11,9 +11,9 @@ use std::sync::Arc;
 
 /// A part of the points Q with everything that the patches of its centres depend on.
 ///
-/// Of b centres: the context is c points, the centres first, and all indices below are into it. For all of Q it
-/// is Q. For a block it also holds the points near the centres; those have exact neighbours themselves only
-/// as far as these are in the context.
+/// The context is p points, the b centres first, and all indices below are into it. If the part is all of Q, it is Q.
+/// Otherwise it also holds the points near the centres; these may miss neighbours of their own that are not in the
+/// context.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Neighbourhood {
     context: Vec<u32>,
@@ -183,7 +183,7 @@ impl Neighbourhood {
         self.reach = Some(KdTree::new(points).k_nearest(points, points.len()).into());
     }
 
-    /// The context's indices among all points (c), the centres first.
+    /// The context's indices among all points (p), the centres first.
     pub fn context(&self) -> &[u32] {
         &self.context
     }
@@ -193,7 +193,7 @@ impl Neighbourhood {
         &self.context[..self.centres]
     }
 
-    /// The neighbours of every context point, c k.
+    /// The neighbours of every context point, p k.
     pub(super) fn neighbours(&self) -> Arc<[u32]> {
         self.neighbours.clone()
     }
@@ -217,7 +217,7 @@ impl Neighbourhood {
         Some(radii.flat_map(|radius| std::iter::repeat_n(radius, config.patch)).collect())
     }
 
-    /// The points that the patch of each centre attends to, b r; `None` for the whole context.
+    /// The points that the patch of each centre attends to, as many for each; `None` for the whole context.
     pub(super) fn reach(&self) -> Option<&Arc<[u32]>> {
         self.reach.as_ref()
     }

@@ -45,6 +45,8 @@ pub fn list_presets() -> Result<(), Failure> {
             stages.collect::<Vec<_>>().join(" and "),
         );
     }
+    text += "Surfaces of small area have finer grids than these, those of large area coarser ones (reference_area), but \
+             with `paper`.\n";
     if let Some(limit) = Config::default().train_up_to {
         text += &format!(
             "Clouds of more than {limit} points keep the first shape, but with `paper`; --set train_up_to=all trains.\n"

@@ -39,10 +39,8 @@ pub fn coverage_text(c: &Coverage) -> Vec<String> {
         c.s_to_q
     )];
     if let Some(codes) = &c.codes {
-        let folded = codes.folded().map_or("-".to_string(), |x| format!("{:.1} %", 100.0 * x));
         lines.push(format!(
-            "codes: mean {:.3} long, {} of the sphere's {} in patches ({:.1} %), {folded} of the pairs of points of S \
-             that lie in one place have codes far apart",
+            "codes: mean {:.3} long, {} of the sphere's {} in patches ({:.1} %)",
             codes.mean_code,
             codes.used,
             codes.sphere,
@@ -50,6 +48,11 @@ pub fn coverage_text(c: &Coverage) -> Vec<String> {
         ));
         if codes.evenness() < CROWDED {
             lines.push("the codes crowd in one spot of the sphere; --preset paper spreads them".into());
+        } else if let Some(folded) = codes.folded() {
+            lines.push(format!(
+                "where two points of S lie in one place, their codes are far apart in {:.1} % of the pairs",
+                100.0 * folded
+            ));
         }
     }
     lines

@@ -3,9 +3,9 @@
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use bijective_sdf::geometry::{Attribute, Bounds, TriangleMesh, relative_to, widened};
+use bijective_sdf::geometry::{Attribute, Bounds, Number, TriangleMesh, relative_to, widened};
 use bijective_sdf::io::{
-    Encoding, Format, offset_left_out, write_atomic, write_cloud_to, write_mesh_with_to,
+    Encoding, Format, offset_left_out, write_atomic, write_cloud_to, write_cloud_with_to, write_mesh_with_to,
 };
 use bijective_sdf::{Error, ErrorKind};
 
@@ -63,6 +63,20 @@ impl Output {
     pub fn write_cloud(&self, points: &[[f64; 3]]) -> Result<(), Failure> {
         let mut bytes = Vec::new();
         write_cloud_to(&mut bytes, &short_enough(points), self.format, self.encoding)
+            .map_err(Failure::Output)?;
+        write_bytes(&self.path, &bytes)
+    }
+
+    /// Writes points with their normals (n x 3 each), as PLY.
+    pub fn write_oriented_cloud(&self, points: &[[f64; 3]], normals: &[[f64; 3]]) -> Result<(), Failure> {
+        let of_axis = |(axis, name): (usize, &str)| Attribute {
+            name: name.into(),
+            number: Number::F32,
+            values: normals.iter().map(|n| n[axis]).collect(),
+        };
+        let attributes: Vec<_> = ["nx", "ny", "nz"].into_iter().enumerate().map(of_axis).collect();
+        let mut bytes = Vec::new();
+        write_cloud_with_to(&mut bytes, &short_enough(points), &attributes, self.encoding)
             .map_err(Failure::Output)?;
         write_bytes(&self.path, &bytes)
     }

@@ -1,4 +1,5 @@
-//! The configuration of a run: a preset, then a file, then `--set`, then `--seed`.
+//! The configuration of a run: a preset, then the options of a file, then `--set`, then `--seed`; what comes later
+//! wins.
 
 use std::fs;
 use std::path::PathBuf;
@@ -10,12 +11,13 @@ use clap::builder::{PossibleValuesParser, TypedValueParser};
 use toml::Value;
 
 use super::config_text::{flatten, parse};
+use super::console::say;
 use super::failure::Failure;
 
 /// Options that choose a configuration.
 #[derive(Debug, Default, Args)]
 pub struct Settings {
-    /// Named configuration to start from [default: default]
+    /// Named configuration to start from; the options of --config and --set change it [default: default]
     #[arg(long, value_parser = preset_parser())]
     pub preset: Option<Preset>,
     /// TOML file with options, as `bijective-sdf config` prints them
@@ -60,11 +62,20 @@ impl Settings {
             (None, Some(run)) => run.clone(),
             (preset, _) => Config::preset(preset.unwrap_or(Preset::Default)),
         };
+        let mut changed = 0;
         for (key, value) in &entries {
+            let before = config.clone();
             config.set(key, value).map_err(|e| match &self.config {
                 Some(path) => e.in_file(path),
                 None => e,
             })?;
+            changed += usize::from(config != before);
+        }
+        if let (Some(preset), Some(path), true) = (self.preset, &self.config, changed > 0) {
+            say(&format!(
+                "warning: {} sets {changed} options otherwise than the preset {preset}; the file wins",
+                path.display()
+            ));
         }
         for pair in &self.set {
             let (key, value) = pair.split_once('=').ok_or_else(|| {

@@ -14,8 +14,8 @@ use super::json::Object;
 pub struct TrimArgs {
     /// Cut away what no point supports: what is farther from the nearest point on the same side of the surface than
     /// FACTOR times the surface spacing there (the side of the square of surface that each point around stands for, or
-    /// how far the lines of a scanner are apart), and the rim left around the outermost points, but for 0.6 of that.
-    /// Small holes are not cut, scraps are dropped; the mesh is open then [FACTOR if left out: 1]
+    /// how far the lines of a scanner are apart), except small holes. What is left is cut back until it ends 0.6 FACTOR
+    /// spacings beyond the outermost points, and scraps are dropped; the mesh is open then [FACTOR if left out: 1]
     #[arg(long, value_name = "FACTOR", num_args = 0..=1, default_missing_value = DEFAULT, value_parser = factor)]
     pub trim: Option<f32>,
     /// Write how far each vertex is from the nearest point on the same side of the surface, over the surface spacing

@@ -19,7 +19,8 @@ pub enum Deformation {
     None,
 }
 
-/// The moved vertices V', v x 3, working frame: `field` is what the field is at the vertices V, its points.
+/// The moved vertices V', v x 3, working frame: `field` is what the field is at the vertices V, its points. Which edges
+/// the surface crosses and where follows from g at V, not at V'.
 ///
 /// Gradient: to all that enter; smooth except where the field's gradient is 0, where its direction counts as 0.
 ///

@@ -11,6 +11,7 @@ mod grid;
 mod mesh;
 mod position;
 mod ranks;
+mod scenes;
 mod search;
 mod shapes;
 mod spacing;
@@ -35,6 +36,7 @@ pub use mesh::{MeshComponent, SurfaceSamples, Topology, TriangleMesh, sample_sur
 pub(crate) use mesh::{connected, cumulative_areas};
 pub use position::{Position, are_f32, relative_to, widened};
 pub(crate) use ranks::{median, quantile, ranked};
+pub use scenes::{SpinningScanner, SyntheticScene};
 pub(crate) use search::usable;
 pub use search::{KdTree, PointTree, SurfaceHit, TriangleBvh, nearest_points};
 pub use shapes::AnalyticShape;

@@ -72,8 +72,8 @@ pub use format::Format;
 pub use grid::{GridFormat, GridValues, write_grid_to};
 pub use options::{Columns, RawLayout, ReadOptions};
 pub use write::{
-    offset_left_out, write_cloud, write_cloud_to, write_coloured_cloud_to, write_mesh, write_mesh_to,
-    write_mesh_with_to,
+    offset_left_out, write_cloud, write_cloud_to, write_cloud_with_to, write_coloured_cloud_to, write_mesh,
+    write_mesh_to, write_mesh_with_to,
 };
 
 use choose::{choose, unpacked};

@@ -136,21 +136,48 @@ pub fn write_cloud_to<P: Position>(
 /// If there is not one colour a point.
 #[track_caller]
 pub fn write_coloured_cloud_to<P: Position>(
-    mut out: impl Write,
+    out: impl Write,
     points: &[P],
     colours: &[[u8; 3]],
     encoding: Encoding,
 ) -> Result<(), Error> {
     assert!(points.len() == colours.len(), "{} points with {} colours", points.len(), colours.len());
-    let points = widened(points);
-    check_cloud(&points, Format::Ply)?;
     let part = |(axis, name): (usize, &str)| Attribute {
         name: name.into(),
         number: Number::U8,
         values: colours.iter().map(|c| f64::from(c[axis])).collect(),
     };
     let colours: Vec<Attribute> = COLOUR.into_iter().enumerate().map(part).collect();
-    ply::write(&mut out, &points, Width::of_cloud(&points), &colours, None, encoding)
+    write_cloud_with_to(out, points, &colours, encoding)
+}
+
+/// Writes points, n x 3, with attributes, such as the normals `nx`, `ny` and `nz`, as PLY to any writer; nothing is
+/// written unless they pass the checks. Give a buffered writer.
+///
+/// # Errors
+///
+/// [`ErrorKind::Data`] for no points or a coordinate that is not finite, [`ErrorKind::Config`] for an attribute whose
+/// name is that of a coordinate or of another, or has other characters than letters, digits and marks of ASCII,
+/// [`ErrorKind::Io`] if writing fails.
+///
+/// # Panics
+///
+/// If an attribute has not one value a point.
+#[track_caller]
+pub fn write_cloud_with_to<P: Position>(
+    mut out: impl Write,
+    points: &[P],
+    attributes: &[Attribute],
+    encoding: Encoding,
+) -> Result<(), Error> {
+    for Attribute { name, values, .. } in attributes {
+        let n = points.len();
+        assert!(values.len() == n, "write_cloud_with_to: {} values of {name}, {n} points", values.len());
+    }
+    let points = widened(points);
+    check_attributes(attributes, Format::Ply)?;
+    check_cloud(&points, Format::Ply)?;
+    ply::write(&mut out, &points, Width::of_cloud(&points), attributes, None, encoding)
         .and_then(|()| out.flush())
         .map_err(failed)
 }

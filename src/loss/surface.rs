@@ -11,7 +11,7 @@ pub fn mean_abs(tape: &mut Tape, sdf: Var) -> Var {
     tape.mean(magnitude)
 }
 
-/// The mean of max(0, g + d): what points lack of being at least d inside; not in the paper.
+/// The mean of max(0, g + d): how far g is above -d, which it is where a point is less than d inside; not in the paper.
 ///
 /// Shapes: `sdf` and `depth` v x 1 to 1 x 1, in units of the working frame. Gradient: 1 / v over v where g > -d, and 0
 /// elsewhere.

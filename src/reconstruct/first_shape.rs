@@ -14,9 +14,9 @@ const DIPOLE_RADII: [f32; 3] = [0.25, 0.5, 1.0];
 /// The most working points for which all of these radii are tried.
 const MAX_RADII_POINTS: usize = 1024;
 
-/// If the median indicator at the working points ([`GaussField::at_points`]) is below this, the given normals point
-/// into the shape, as in a room scanned from inside: -1/2 if it is closed, -0.3 or so if half of it is missing, 0 for a
-/// sheet.
+/// The indicator of the Gauss formula at points of a closed surface ([`GaussField::at_points`]) is 1/2 if the normals
+/// point outward and -1/2 if they point inward, as those of a room scanned from inside; -0.3 or so if half of the room
+/// is missing, and 0 for a sheet. Below this median over the working points, the given normals count as inward.
 const WITHIN: f32 = -0.1;
 
 /// The shape that a run begins with.

@@ -71,7 +71,9 @@ loss_terms! {
     /// L_para, the squared Chamfer distance between S and Q (equation 3) with the slack `bsp.slack`, in steps that
     /// train the parameterization; in the pretraining S is also compared with samples of the first shape.
     para, " Default 10, paper 10.": |_, inputs| inputs.para;
-    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5).
+    /// L_deform, the squared Chamfer distance between the extracted surface and the target (equation 5): from its
+    /// vertices to the target and back, or, with `surface_samples`, from samples on it to the target and from the
+    /// target to its faces. The target is S or, with `target` surface-and-cloud, S and Q.
     deform, " Default 0.5, paper 1.": |tape, inputs| Some(match inputs.tree {
         None => tape.chamfer(inputs.drawn, inputs.target, Direction::BOTH),
         Some(tree) => {

@@ -10,8 +10,8 @@ use std::ops::ControlFlow;
 #[derive(Clone, Copy, Debug)]
 #[non_exhaustive]
 pub enum Event<'a> {
-    /// The input points were accepted; the shape that the field learns first is found next, which takes up to some
-    /// seconds for thousands of points.
+    /// The input points were accepted; the shape that the field learns first is found next, which takes
+    /// some seconds.
     Started {
         /// Distinct input points.
         points: usize,
@@ -80,9 +80,9 @@ pub fn reconstruct_with<P: Position>(
     if observer(&Event::Started { points, merged: prepared.merged, total_steps }).is_break() {
         return Err(Error::new(ErrorKind::Cancelled, "the run was cancelled before its first step"));
     }
-    // The input points become the working points (many are thinned). The Gauss formula finds a rough shape among them,
-    // with its normals noise is taken off, which leaves the denoised points, and the first shape is made from these.
-    // Field and map get their initial weights.
+    // The input points become the working points (thinned if there are many and they are to be trained). The Gauss
+    // formula finds a rough shape among them, with its normals noise is taken off, which leaves the denoised points,
+    // and the first shape is made from these. Field and map get their initial weights.
     let mut trainer = Trainer::from_prepared(prepared)?;
     // The field learns the first shape (`phases::start`), S learns to cover it (`phases::pretrain`), and both are
     // trained together with the grid (`phases::train`).

@@ -76,13 +76,13 @@ pub(super) struct Setup {
     pub normals: Option<Vec<[f32; 3]>>,
     pub frame: WorkingFrame,
     /// The denoised points, n x 3, working frame: the working points (the input points, made even if they lie on scan
-    /// lines, and thinned if there are many) without the noise that was found; the working points themselves if none
-    /// was.
+    /// lines, and thinned if there are many and they are trained) without the noise that was found; the working points
+    /// themselves if none was. They may be fewer than the input points.
     pub denoised: Vec<[f32; 3]>,
     /// A permutation of the denoised points (n): if there are more than one step may use, steps take consecutive parts
     /// of it.
     pub order: Vec<u32>,
-    /// The parts of the denoised points for each of which S is computed at a time; none without a map.
+    /// Blocks of the denoised points; S is computed one block at a time. None without a map.
     pub blocks: Vec<Neighbourhood>,
     /// The shape that the field learns first; none where it starts as a sphere.
     pub shape: Option<FirstShape>,

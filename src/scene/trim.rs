@@ -33,10 +33,11 @@ pub struct Trimmed<P = [f32; 3]> {
 
 /// Cuts off `mesh` what `support`, the support of its vertices (v), says is unsupported.
 ///
-/// What has a gap above `factor` is unsupported, but for holes below 4 squares of the surface spacing. What is left
-/// then reaches beyond the outermost points by `factor` surface spacings; two fifths of this rim (1 - MAX_OVERHANG),
-/// measured along the surface in surface spacings, are cut off as well. Reaching far bridges wide gaps between points,
-/// and cutting some of it off ends the surface near them. Pieces below 5 squares are dropped.
+/// In three steps. What has a gap above `factor` is unsupported and cut, except patches of less than 4 squares of the
+/// surface spacing, which are kept as holes in the sampling. What is left reaches beyond the outermost points by
+/// `factor` surface spacings: so far that wide gaps between points are bridged. Then a strip of 0.4 `factor` surface
+/// spacings (1 - MAX_OVERHANG), measured along the surface, is cut off along its boundary, so that it ends 0.6 `factor`
+/// beyond the points. Last, pieces of less than 5 squares are dropped.
 ///
 /// Faces that a limit runs through are cut along it, so that the boundary is a smooth line and not a saw. Where `mesh`
 /// is a manifold the result is one, its boundary made of closed loops; the orientation stays. Without an unsupported

@@ -56,7 +56,8 @@ pub struct ReconstructArgs {
     /// Go on from a checkpoint of the same cloud, with its options; those that are given must agree with it
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
-    /// Stop after this time, in whichever phase, and write the mesh of the field as it is then
+    /// Stop after this time and write what there is then: the trained field, or the first shape if the training proper
+    /// has not begun
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     pub time_limit: Option<Duration>,
     /// Write the denser points that the surface was drawn to in the training (ply, xyz, csv)

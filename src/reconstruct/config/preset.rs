@@ -17,8 +17,8 @@ use std::str::FromStr;
 pub enum Preset {
     /// The first shape that the others begin with, finished: no training.
     Start,
-    /// The terms, weights and field of the paper, with codes and patches that begin spread out (`benches/paper.md`);
-    /// what it leaves open keeps a run short.
+    /// The terms and weights of the paper and the field of its authors' code, with codes and patches that begin spread
+    /// out (`benches/paper.md`); what the paper leaves open keeps a run short.
     Paper,
     /// A quick look: fewer steps than `default`, on a coarser grid.
     Fast,

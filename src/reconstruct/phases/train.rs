@@ -27,7 +27,8 @@ use rand::RngExt;
 /// from stream i + 1.
 const SHIFT_STREAMS: u64 = 1 << 40;
 
-/// Prepares a state for the first step of the training; doing it again changes nothing.
+/// Prepares a state for the first step of the training. To be called before that step only, as it makes new Adam
+/// states; twice before it is as once.
 ///
 /// # Errors
 /// [`ErrorKind::Diverged`] if S is not finite.
@@ -42,9 +43,10 @@ pub(in crate::reconstruct) fn begin(setup: &Setup, state: &mut State) -> Result<
     Ok(())
 }
 
-/// Lowers the field by a constant where the regression left most points outside the surface, as it may for a blade that
-/// is too thin for the network to learn in its steps: the median of the points' values becomes half a cube of the grid
-/// below 0. Returns whether it did; a field that was lowered is not lowered again.
+/// For a field in which the first step finds no surface, as after a regression to a blade that is too thin for the
+/// network to learn in its steps: unless the median of g at the points is a quarter of a cube of the grid below 0 or
+/// more, lowers g by a constant until it is half a cube below. Returns whether it did; a lowered field is not lowered
+/// again.
 ///
 /// # Errors
 /// As [`TetGrid::working_frame`].
