@@ -12,8 +12,9 @@ pub struct BspConfig {
     pub neighbours: usize,
     /// Codes M in a patch. Default 10.
     pub patch: usize,
-    /// Codes on the whole sphere, as a multiple of n M. With about 1 patches whose centres are spread evenly tile it; the authors' code has 50,000
-    /// codes for 300 points, a multiple of 17, whose patches are much smaller than the gaps between points. Default 1.
+    /// Codes on the whole sphere, as a multiple of n M. With about 1 patches whose centres are spread evenly tile it;
+    /// the authors' code has 50,000 codes for 300 points, a multiple of 17, whose patches are much smaller than the
+    /// gaps between points. Default 1.
     pub code_density: f32,
     /// Points whose features a patch attends to: the nearest in space to its centre. `None` (`all`) is all of them, as
     /// in the paper, at a cost of n^2 M; `Some(n)` is the same but for the order of sums. Default 12.

@@ -7,8 +7,8 @@ use std::sync::Arc;
 
 /// p = normalize(u + (c - stop(u))) for the M codes c of the sphere nearest to the code u of each point.
 ///
-/// stop(u) is u taken as a constant. The value is c itself; the form lets gradients reach u, and with it the head of Phi. The authors' code detaches u,
-/// so its head never learns.
+/// stop(u) is u taken as a constant. The value is c itself; the form lets gradients reach u, and with it the head of
+/// Phi. The authors' code detaches u, so its head never learns.
 #[derive(Clone, Debug)]
 pub struct PatchSampler {
     sphere: Arc<[[f32; 3]]>,

@@ -31,8 +31,8 @@ pub struct SampleArgs {
     /// Points a square metre of the scene, spread evenly at random
     #[arg(long, value_name = "N", default_value = "100", requires = "scene", value_parser = positive)]
     density: f64,
-    /// What a spinning laser scanner at this place of the scene sees, instead of points spread evenly: 64 rings of 2,000
-    /// rays, up to 80 m; `--noise` is that of the range
+    /// What a spinning laser scanner at this place of the scene sees, instead of points spread evenly: 64 rings of
+    /// 2,000 rays, up to 80 m; `--noise` is that of the range
     #[arg(long, value_name = "X,Y,Z", requires = "scene", conflicts_with = "density", value_parser = three_numbers,
         allow_hyphen_values = true)]
     scanner: Option<[f64; 3]>,
