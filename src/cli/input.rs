@@ -38,7 +38,7 @@ impl<'a> Input<'a> {
             return Ok(Input { path: Path::new("standard input"), options, bytes });
         }
         let bytes = fs::read(path).map_err(|e| Failure::cannot_read(path, e))?;
-        options.hint = Format::from_path(path);
+        options.hint = Format::of_input(path);
         Ok(Input { path, options, bytes })
     }
 

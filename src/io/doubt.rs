@@ -7,6 +7,8 @@ use crate::{Error, ErrorKind};
 
 /// Rows that are looked at: point numbers and the like show in the first ones.
 const ROWS: usize = 1000;
+/// The largest difference between two times over the least one: times are rounded.
+const MAX_UNEVENNESS: f64 = 1.5;
 /// Columns that are looked at.
 const COLUMNS: usize = 8;
 
@@ -35,6 +37,8 @@ struct Column {
     counts: bool,
     /// Each number is as much more than that before as the second is than the first.
     steps: bool,
+    /// The least and the largest difference to the number before.
+    differences: [f64; 2],
     step: f64,
     rises: bool,
 }
@@ -73,6 +77,7 @@ impl Evidence {
                     fractions: usize::from(!whole && value.is_finite()),
                     counts: whole,
                     steps: whole,
+                    differences: [f64::INFINITY, f64::NEG_INFINITY],
                     step: 0.0,
                     rises: true,
                 });
@@ -85,6 +90,8 @@ impl Evidence {
                     c.step = value - c.last;
                 }
                 c.steps &= whole && value - c.last == c.step;
+                let [least, largest] = &mut c.differences;
+                (*least, *largest) = (least.min(value - c.last), largest.max(value - c.last));
                 c.rises &= value > c.last;
                 c.last = value;
                 (c.low, c.high) = (c.low.min(value), c.high.max(value));
@@ -107,6 +114,13 @@ impl Evidence {
         }
         if rows >= 8 && c.len() > 3 && c[0].steps && c[0].rises && !c[0].counts {
             let what = format!("column 1 rises by {} from row to row, as point numbers do", c[0].step);
+            return doubt(what, Some(1));
+        }
+        let [least, largest] = c[0].differences;
+        let even = c[0].rises && largest <= MAX_UNEVENNESS * least;
+        if rows >= 8 && c.len() > 3 && even && !c[0].whole && c[0].low >= 0.0 {
+            let mean = (c[0].last - c[0].first) / (rows - 1) as f64;
+            let what = format!("column 1 rises evenly, by about {mean:.3} from row to row, as times do");
             return doubt(what, Some(1));
         }
         let fraction = |i: usize| c.get(i).is_some_and(|c| 2 * c.fractions > rows);

@@ -118,6 +118,15 @@ impl Format {
         Format::ALL.into_iter().find(|f| f.extensions().contains(&extension.as_str()))
     }
 
+    /// The format that the extension of a file to be read means: that of [`from_path`](Self::from_path), or a table for
+    /// `.tsv`, which is not written.
+    pub fn of_input(path: impl AsRef<Path>) -> Option<Format> {
+        let path = path.as_ref();
+        let name = path.to_str().map(str::to_ascii_lowercase).unwrap_or_default();
+        let table = name.ends_with(".tsv") || name.ends_with(".tsv.gz");
+        Format::from_path(path).or(table.then_some(Format::Csv))
+    }
+
     /// Whether files of this format can hold faces.
     pub fn holds_faces(self) -> bool {
         matches!(self, Format::Ply | Format::Obj | Format::Stl | Format::Off | Format::Glb)
@@ -173,6 +182,19 @@ impl FromStr for Format {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn tables_between_tabs_are_read_by_their_extension() {
+        for (path, format) in [
+            ("a.tsv", Some(Format::Csv)),
+            ("A.TSV.gz", Some(Format::Csv)),
+            ("a.ply", Some(Format::Ply)),
+            ("tsv", None),
+        ] {
+            assert_eq!(Format::of_input(path), format, "{path}");
+        }
+        assert_eq!(Format::from_path("a.tsv"), None);
+    }
 
     #[test]
     fn names_and_extensions_lead_back_to_the_format() {

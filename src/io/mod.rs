@@ -258,7 +258,7 @@ pub fn read_mesh_with(bytes: &[u8], options: &ReadOptions) -> Result<TriangleMes
 
 /// How to read a file of which nothing is known but its name.
 fn by_name(path: &Path) -> ReadOptions {
-    ReadOptions { hint: Format::from_path(path), ..ReadOptions::default() }
+    ReadOptions { hint: Format::of_input(path), ..ReadOptions::default() }
 }
 
 fn read_file(path: &Path) -> Result<Vec<u8>, Error> {

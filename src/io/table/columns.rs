@@ -5,7 +5,7 @@ use super::super::doubt::Doubt;
 use super::super::options::{Columns, ReadOptions};
 use super::super::text::show;
 use super::super::{Loaded, Want};
-use super::dialect::Dialect;
+use super::dialect::{Delimiter, Dialect};
 use super::heading::{Heading, Source};
 use super::names::{self, Axes};
 use crate::geometry::{Attribute, Number};
@@ -22,6 +22,16 @@ pub(super) struct RowLayout {
     pub total: usize,
     /// The choice is a guess that the numbers may speak against.
     pub guessed: bool,
+    /// A line of names above names every column.
+    pub named: bool,
+}
+
+/// The error for a row that has fewer columns than it should: those of `other`.
+pub(super) fn missing(columns: usize, other: &str) -> Error {
+    let what = format!("the row has {columns} columns, but {other}, so it is not certain which are missing");
+    Error::new(ErrorKind::Format, what).advise(
+        "complete the line, write nan for what is missing, or give --assume if only the last columns are missing",
+    )
 }
 
 /// What the choice goes by, and where it says what it did: the notices, the warnings and the attributes of `loaded`.
@@ -42,8 +52,15 @@ impl Chooser<'_> {
         // The last column of the first row may be empty.
         let named = self.heading.header.as_ref().map_or(0, |h| h.names.len());
         let total = fields.len() + usize::from(open && named == fields.len() + 1);
-        let mut layout =
-            RowLayout { dialect, point: [0, 1, 2], normal: None, more: Vec::new(), total, guessed: true };
+        let mut layout = RowLayout {
+            dialect,
+            point: [0, 1, 2],
+            normal: None,
+            more: Vec::new(),
+            total,
+            guessed: true,
+            named: false,
+        };
         if dialect.decimal_comma {
             self.loaded.notices.push("numbers have decimal commas".into());
         }
@@ -153,6 +170,11 @@ impl Chooser<'_> {
             layout.point = point.map(|p| p + shift);
             layout.normal = normal.filter(|_| fits).map(|n| n.map(|p| p + shift));
             layout.guessed = false;
+            layout.named = fits && header.source == Source::Line;
+            let delimited = layout.dialect.delimiter != Delimiter::White;
+            if header.source == Source::Line && names > total && delimited && !self.options.assume {
+                return Err(missing(total, &format!("{names} are named")));
+            }
             if twice {
                 self.loaded.warnings.push(format!(
                     "several columns are named as coordinates; columns {} are read as x, y, z",

@@ -61,6 +61,13 @@ impl Dialect {
         }
     }
 
+    /// The number of columns of a line, the empty one behind a delimiter at its end included.
+    pub fn columns(&self, line: &[u8]) -> usize {
+        let mut fields = Vec::new();
+        self.split(line, &mut fields);
+        fields.len() + usize::from(self.ends_open(line))
+    }
+
     /// Whether a line ends with a delimiter, so that the column behind it is empty.
     pub fn ends_open(&self, line: &[u8]) -> bool {
         matches!(self.delimiter, Delimiter::Byte(b) if line.last() == Some(&b))
@@ -78,10 +85,17 @@ impl Dialect {
 
 /// Whether a column says that there is no value, in the words of common programs.
 fn is_missing(field: &[u8]) -> bool {
+    let is = |w: &&[u8]| field.eq_ignore_ascii_case(w);
     field.is_empty()
-        || [&b"na"[..], b"n/a", b"null", b"none", b"-", b"--", b"#n/a", b"<na>"]
-            .iter()
-            .any(|w| field.eq_ignore_ascii_case(w))
+        || [&b"na"[..], b"n/a", b"null", b"none", b"-", b"--", b"<na>"].iter().any(|w| is(&w))
+        || is_error_of_a_spreadsheet(field)
+}
+
+/// Whether a column holds what spreadsheets write for a value that they could not compute.
+pub(super) fn is_error_of_a_spreadsheet(field: &[u8]) -> bool {
+    [&b"#n/a"[..], b"#value!", b"#ref!", b"#div/0!", b"#num!", b"#name?", b"#null!"]
+        .iter()
+        .any(|w| field.eq_ignore_ascii_case(w))
 }
 
 /// Digits with one comma among them, as in `-1,25e-3`.

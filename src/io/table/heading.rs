@@ -20,6 +20,8 @@ pub(super) struct Heading {
 pub(super) struct Header {
     pub names: Vec<String>,
     pub source: Source,
+    /// What stood between the names, if they had a line of their own.
+    pub delimiter: Option<Delimiter>,
 }
 
 /// Where the names of the columns stand.
@@ -41,7 +43,7 @@ impl Heading {
             && self.header.as_ref().is_none_or(|h| h.source != Source::Line)
         {
             let source = if sure { Source::Comment } else { Source::CommentInDoubt };
-            self.header = Some(Header { names, source });
+            self.header = Some(Header { names, source, delimiter: None });
         }
     }
 
@@ -69,7 +71,8 @@ impl Heading {
                     if let Some(old) = self.header.take().filter(|h| h.source == Source::Line) {
                         self.title = Some(old.names.join(" "));
                     }
-                    self.header = Some(Header { names, source: Source::Line });
+                    let delimiter = Some(dialect.delimiter);
+                    self.header = Some(Header { names, source: Source::Line, delimiter });
                 }
             }
             return true;
@@ -97,7 +100,8 @@ impl Heading {
                 } else {
                     self.numbered = true;
                 }
-                self.header = Some(Header { names, source: Source::Line });
+                let delimiter = Some(dialect.delimiter);
+                self.header = Some(Header { names, source: Source::Line, delimiter });
                 return true;
             }
         }

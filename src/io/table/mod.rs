@@ -22,7 +22,7 @@ mod heading;
 mod names;
 
 use columns::{Chooser, RowLayout};
-use dialect::Dialect;
+use dialect::{Delimiter, Dialect, is_error_of_a_spreadsheet};
 use heading::Heading;
 
 /// Reads n x 3 points.
@@ -36,10 +36,14 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         scans: Vec::new(),
         evidence: Evidence::default(),
         skipped_headers: 0,
+        short_rows: 0,
     };
     let mut fields = Vec::new();
     for (number, line) in Lines::new(without_byte_order_mark(bytes)?).skip(options.skip) {
-        let (data, comment) = split_comment(line.trim_ascii());
+        let (data, comment) = match table.whole_row(line) {
+            Some(row) => (row, None),
+            None => split_comment(line.trim_ascii()),
+        };
         if table.layout.is_none()
             && let Some(comment) = comment
         {
@@ -99,13 +103,69 @@ struct Table<'a> {
     scans: Vec<Scan>,
     evidence: Evidence,
     skipped_headers: usize,
+    /// Rows that have fewer columns than the first one, all the same.
+    short_rows: usize,
 }
 
 impl Table<'_> {
+    /// The delimiter and the number of columns that the names or the first row lead to expect, where it is not white
+    /// space that separates them.
+    fn expected(&self) -> Option<(u8, usize)> {
+        let header = self.heading.header.as_ref();
+        let (delimiter, columns) = match &self.layout {
+            Some(layout) => (layout.dialect.delimiter, layout.total),
+            None => header.and_then(|h| Some((h.delimiter?, h.names.len())))?,
+        };
+        match delimiter {
+            Delimiter::Byte(byte) => Some((byte, columns)),
+            Delimiter::White => None,
+        }
+    }
+
+    /// A line as it stands, but for spaces around it, if it has as many columns as are expected with an empty first one
+    /// before a tab, or with a `#` that belongs to a column and begins no comment.
+    fn whole_row<'a>(&self, line: &'a [u8]) -> Option<&'a [u8]> {
+        if !line.contains(&b'#') && !line.contains(&b'\t') {
+            return None;
+        }
+        let (delimiter, columns) = self.expected()?;
+        let space = |b: &u8| *b == b' ' || *b == b'\r';
+        let start = line.iter().position(|b| !space(b))?;
+        let end = line.iter().rposition(|b| !space(b))?;
+        let line = &line[start..=end];
+        let dialect = Dialect { delimiter: Delimiter::Byte(delimiter), decimal_comma: false };
+        let opens = line[0] == delimiter && delimiter == b'\t' && !line.trim_ascii().is_empty();
+        if !opens && !line.contains(&b'#') || dialect.columns(line) != columns {
+            return None;
+        }
+        let mut fields = Vec::new();
+        dialect.split(line, &mut fields);
+        // A number sign in front of a row makes it a comment, unless the first column is no coordinate.
+        let first_is_name = self.layout.as_ref().is_some_and(|l| !l.guessed && !l.point.contains(&0));
+        let mut hashes = fields.iter().enumerate().filter(|(_, f)| f.starts_with(b"#"));
+        let all_belong = hashes.all(|(i, f)| i > 0 || first_is_name || is_error_of_a_spreadsheet(f));
+        let begins_none =
+            |(i, f): (usize, &&[u8])| f.iter().skip(1).all(|b| *b != b'#') || i == 0 && first_is_name;
+        (all_belong && fields.iter().enumerate().all(begins_none)).then_some(line)
+    }
+
+    /// The dialect of a line above the first row or of the first row: that of the line of names if the line then has as
+    /// many columns, of which some may be empty; else what the line itself looks like.
+    fn dialect_of(&self, line: &[u8]) -> Dialect {
+        let own = Dialect::of(line, self.options.delimiter);
+        match self.expected() {
+            Some((delimiter, columns)) if self.options.delimiter.is_none() => {
+                let named = Dialect::of(line, Some(delimiter));
+                if named.columns(line) == columns { named } else { own }
+            }
+            _ => own,
+        }
+    }
+
     fn line<'a>(&mut self, data: &'a [u8], fields: &mut Vec<&'a [u8]>) -> Result<(), Error> {
         let dialect = match &self.layout {
             Some(layout) => layout.dialect,
-            None => Dialect::of(data, self.options.delimiter),
+            None => self.dialect_of(data),
         };
         dialect.split(data, fields);
         // A single whole number is a count of points: in front of all, or between the scans of a PTS file.
@@ -186,6 +246,16 @@ impl Table<'_> {
                 None => return Err(not_a_number(field)),
             };
         }
+        let columns = fields.len() + usize::from(open);
+        if columns < layout.total {
+            let delimited = layout.dialect.delimiter != Delimiter::White;
+            let told = self.options.assume || self.options.columns.is_some();
+            if !told && (delimited || layout.named) {
+                return Err(columns::missing(columns, &format!("the first row has {}", layout.total)));
+            }
+            // Rows of names in comments go on with lists of any length.
+            self.short_rows += usize::from(layout.guessed);
+        }
         check_point(point, self.want, "point", self.loaded.verts.len())?;
         if layout.guessed && self.evidence.wants_more() {
             let number = |f: &&[u8]| {
@@ -232,6 +302,12 @@ impl Table<'_> {
         if let Some(title) = &self.heading.title {
             let title = show(title.as_bytes());
             self.loaded.notices.push(format!("the line {title} was taken for a title"));
+        }
+        if self.short_rows > 0 {
+            let n = self.short_rows;
+            self.loaded.warnings.push(format!(
+                "{n} rows have fewer columns than the first; if their first columns are missing, they were read wrongly"
+            ));
         }
         if self.skipped_headers > 0 {
             let n = self.skipped_headers;

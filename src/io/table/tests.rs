@@ -120,6 +120,8 @@ fn what_is_not_certain_is_refused_with_what_to_give() {
     let rows = |row: &dyn Fn(u32) -> String| (0..9).map(row).collect::<String>();
     let survey = rows(&|i| format!("{},{}.25,{}.5,3.5,TREE\n", i + 1, 100 + i * i, 200 + i % 4));
     refused(&survey, &["counts up by one", "--columns 2,3,4"]);
+    let times = rows(&|i| format!("{:.2} {}.25 {}.5 3.5\n", f64::from(i) * 0.033, i * i, i % 4));
+    refused(&times, &["rises evenly", "--columns 2,3,4"]);
     let named = rows(&|i| format!("P{i} {}.25 {}.5 3.5\n", i * i, i % 4));
     refused(&named, &["column 1 holds words such as \"P0\"", "--columns 2,3,4"]);
     refused("id,a,b,c\n1,2,3,4\n", &["the columns are named \"id\", \"a\"", "--assume"]);
@@ -138,6 +140,70 @@ fn what_is_not_certain_is_refused_with_what_to_give() {
         assert!(e.contains(part), "{e}");
     }
     assert!(read_as("1 2 3\n", &given("a,b,c")).unwrap_err().to_string().contains("no names of columns"));
+}
+
+#[test]
+fn empty_columns_keep_their_place() {
+    let nan = f64::NAN;
+    let cases: [(&str, [f64; 3]); 7] = [
+        // The first column of a row between tabs, in the first row and in a later one; x itself.
+        ("id\tx\ty\tz\tq\n\t4\t5\t6\t9\n7\t1\t2\t3\t9\n", [4.0, 5.0, 6.0]),
+        ("id\tx\ty\tz\tq\n7\t1\t2\t3\t9\n\t4\t5\t6\t9\n", [4.0, 5.0, 6.0]),
+        ("x\ty\tz\n1\t2\t3\n\t5\t6\r\n", [nan, 5.0, 6.0]),
+        ("x\ty\tz\ti\n4\t\t6\t7\n1\t2\t3\t7\n", [4.0, nan, 6.0]),
+        // Indented rows have no empty column.
+        ("\t4\t5\t6\n\t1\t2\t3\n", [4.0, 5.0, 6.0]),
+        ("x\ty\tz\n\t4\t5\t6\n1\t2\t3\n", [4.0, 5.0, 6.0]),
+        ("x,y,z\n,5,6\n1,2,3\n", [nan, 5.0, 6.0]),
+    ];
+    for (text, other) in cases {
+        let points = read_as(text, &ReadOptions::default()).unwrap_or_else(|e| panic!("{text}: {e}"));
+        assert_eq!(points.len(), 2, "{text}");
+        let same =
+            |p: &[f64; 3], q: [f64; 3]| p.iter().zip(q).all(|(a, b)| *a == b || a.is_nan() && b.is_nan());
+        assert!(points.iter().any(|p| same(p, [1.0, 2.0, 3.0])), "{text}: {points:?}");
+        assert!(points.iter().any(|p| same(p, other)), "{text}: {points:?}");
+    }
+}
+
+#[test]
+fn rows_that_lack_columns_are_refused_or_told() {
+    let assumed = ReadOptions { assume: true, ..Default::default() };
+    for text in [
+        "id,x,y,z,q\n7,1,2,3,9\n4,5,6,9\n",
+        "id,x,y,z,q\n4,5,6,9\n7,1,2,3,9\n",
+        "1,2,3,9\n4,5,6\n",
+        "x y z i\n1 2 3 9\n4 5 6\n",
+    ] {
+        refused(text, &["not certain which are missing", "--assume"]);
+        assert_eq!(read_as(text, &assumed).unwrap().len(), 2, "{text}");
+    }
+    let loose = read(b"1 2 3 9\n4 5 6 9\n7 8 9\n").unwrap();
+    assert!(
+        loose.verts.len() == 3 && loose.warnings[0].contains("1 rows have fewer columns"),
+        "{:?}",
+        loose.warnings
+    );
+    // Lists of any length behind the named columns, and a delimiter behind the last one.
+    let tracks = read(b"# X Y Z TRACK[] as (A, B)\n1 2 3 7 7 8\n4 5 6 7\n").unwrap();
+    assert!(tracks.verts.len() == 2 && tracks.warnings.is_empty(), "{:?}", tracks.warnings);
+    assert_eq!(read(b"x,y,z,i\n1,2,3,\n4,5,6,7\n").unwrap().verts.len(), 2);
+}
+
+#[test]
+fn number_signs_in_columns_begin_no_comment() {
+    let points =
+        |text: &str| read_as(text, &ReadOptions::default()).unwrap_or_else(|e| panic!("{text}: {e}"));
+    assert_eq!(points("id,x,y,z\n0,1,2,3\n#1,-4.5,0.001,6\n"), TWO);
+    assert_eq!(points("x,y,z,note\n1,2,3,#a\n-4.5,0.001,6,#b\n"), TWO);
+    for text in ["x,y,z\n#N/A,5,6\n1,2,3\n", "x,y,z\n1,2,3\n#DIV/0!,5,6\n", "x;y;z\n1;2;3\n4;#REF!;6\n"] {
+        let read = points(text);
+        assert!(read.len() == 2 && read.iter().flatten().any(|x| x.is_nan()), "{text}: {read:?}");
+    }
+    // Comments stay comments, also rows that were taken out by one.
+    for text in ["x,y,z\n1,2,3\n#9,9,9\n-4.5,0.001,6 # b, c\n", "x,y,z\n#9,9,9\n1,2,3\n-4.5,0.001,6\n"] {
+        assert_eq!(points(text), TWO, "{text}");
+    }
 }
 
 #[test]
