@@ -189,9 +189,12 @@ fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
     fs::write(data.join("in/flat.xyz"), "0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 4 0\n").unwrap();
     let (one, two) = (dir.path("one"), dir.path("two"));
     let args = ["--shapes", "cube,flat", "--no-sheets", "--quiet"];
-    let output = run(suite(&data, &one).args(args).args(["--jobs", "1", "--threads", "2"]), 0);
-    assert!(output.stderr.is_empty(), "{}", err(&output));
-    run(suite(&data, &two).args(args).args(["--jobs", "3", "--threads", "1"]), 0);
+    // The other runs are made, and the exit code is that of the failure.
+    let output = run(suite(&data, &one).args(args).args(["--jobs", "1", "--threads", "2"]), 3);
+    let told = "error: 1 of 2 runs failed, the last of them default flat seed 0: ";
+    assert!(err(&output).starts_with(told) && err(&output).lines().count() == 1, "{}", err(&output));
+    assert!(out(&output).contains("| default "), "{}", out(&output));
+    run(suite(&data, &two).args(args).args(["--jobs", "3", "--threads", "1"]), 3);
     let by_shape =
         |to: &Path, shape: &str| lines(to).into_iter().find(|l| l.at("shape").text() == shape).unwrap();
     let flat = by_shape(&one, "flat");
@@ -204,9 +207,12 @@ fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
     assert_eq!(mesh(&one), mesh(&two));
     // They are made again only if that is asked for.
     for (retry, made) in [(&[][..], "0 to make"), (&["--retry"], "1 to make")] {
-        let again = run(suite(&data, &one).args(&args[..3]).args(retry), 0);
+        let again = run(suite(&data, &one).args(&args[..3]).args(retry), 3);
         assert!(err(&again).contains(made), "{}", err(&again));
     }
+    // Those that are not asked for do not count.
+    run(suite(&data, &one).args(["--shapes", "cube", "--no-sheets"]), 0);
+    run(suite(&data, &one).args(args), 3);
     assert_eq!(lines(&one).len(), 3);
     let table = fs::read_to_string(one.join("table.md")).unwrap();
     assert!(table.contains("- **flat**, seed 0: ") && table.contains("in one plane"), "{table}");

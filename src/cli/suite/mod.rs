@@ -50,7 +50,10 @@ program is not noticed but by a note.
 OUT/table.md, table.csv, shapes.csv, surface.csv, table.tex and a picture sheet_SETTING.png for each setting show the
 runs that the command line asks for; the tables of the settings also go to standard output. The second of them is about
 the denser points S that the surface is drawn to, which OUT/surfaces has: whether they are distinct, whether their codes
-fill the sphere, and how well they cover the truth, beside the points themselves.";
+fill the sphere, and how well they cover the truth, beside the points themselves.
+
+A run that fails does not stop the others. Once all tables and pictures are written, the exit code is that of the last
+failure in their order, also if an earlier command made it; --retry makes such runs again.";
 
 /// Arguments of `suite`.
 #[derive(Debug, Args)]
@@ -232,7 +235,8 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     if !args.no_sheets {
         draw_sheets(results, args)?;
     }
-    print(tables::screen(results, args.ablations))
+    print(tables::screen(results, args.ablations))?;
+    results.failure().map_or(Ok(()), Err)
 }
 
 /// How much there is to do, in a line.
