@@ -242,6 +242,8 @@ fn wrong_wishes_are_refused_before_any_work() {
     let (data, to) = (data(&dir), dir.path("out"));
     fails(suite(&data, &to).args(["--setting", "best"]), 2, &["best", "sparse"]);
     fails(suite(&data, &to).args(["--set", "field.widht=3"]), 2, &["did you mean"]);
+    fails(suite(&data, &to).args(["--set", "seed=4"]), 2, &["--set seed=4", "--seeds 4,"]);
+    fails(suite(&data, &to).args(["--set", " seed = 4"]), 2, &["--seeds 4,"]);
     fails(suite(&data, &to).args(["--shapes", "dog"]), 2, &["dog"]);
     fails(suite(&data, &to).args(["--inputs", "dog*"]), 3, &["no point cloud", "dog*"]);
     fails(&mut suite(&dir.path("none"), &to), 3, &["none"]);
