@@ -249,6 +249,12 @@ fn wrong_wishes_are_refused_before_any_work() {
     fails(&mut suite(&dir.path("none"), &to), 3, &["none"]);
     run(suite(&data, &to).args(["--seeds", "0"]), 2);
     fs::create_dir_all(&to).unwrap();
+    for name in ["table.csv", "sheet_mine.png"] {
+        let file = to.join(name);
+        fs::write(&file, "[mine]\n").unwrap();
+        fails(suite(&data, &to).arg("--settings").arg(&file), 2, &["--out", name, "overwrite"]);
+        assert_eq!(fs::read_to_string(file).unwrap(), "[mine]\n");
+    }
     fs::write(to.join("runs.jsonl"), "{}\n").unwrap();
     fails(&mut suite(&data, &to), 3, &["runs.jsonl:1", "remove the line"]);
 }

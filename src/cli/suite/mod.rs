@@ -25,6 +25,7 @@ use super::failure::Failure;
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::interrupt::Interrupt;
 use super::output::{make_directory, write_bytes};
+use super::paths::check_apart;
 use super::preview::{Angles, Axis, View};
 use super::sample::Noise;
 use super::settings::preset_parser;
@@ -35,6 +36,12 @@ use results::Results;
 use setting::{Change, Setting, Wanted};
 use store::RunFile;
 use work::Runner;
+
+/// The file of all runs, in the directory of the results.
+const RUNS: &str = "runs.jsonl";
+
+/// The tables, likewise.
+const TABLES: [&str; 5] = ["table.md", "table.csv", "shapes.csv", "surface.csv", "table.tex"];
 
 const LONG: &str = "\
 Reconstruct many shapes with many settings and seeds, and tell how good the results are
@@ -177,7 +184,14 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     let plan = Plan::new(&shapes, &settings, &args.seeds.0, measure)?;
     plan.notes.iter().for_each(|note| common.note(note));
 
-    let runs = args.out.join("runs.jsonl");
+    if let Some(file) = &args.settings {
+        let sheets = settings.iter().map(sheet_file);
+        for name in [RUNS].into_iter().chain(TABLES).map(String::from).chain(sheets) {
+            check_apart("--out", &args.out.join(name), file)?;
+        }
+    }
+
+    let runs = args.out.join(RUNS);
     let stored = store::read(&runs)?;
     if stored.torn > 0 {
         common.note(&format!("{}: dropped the last line, which is not whole", runs.display()));
@@ -219,14 +233,10 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     let results = Results { plan: &plan, records: &records };
     let title = title(&plan, args);
     let texts = tables::write(results, &title, args.ablations);
-    for (name, text) in [
-        ("table.md", &texts.markdown),
-        ("table.csv", &texts.csv),
-        ("shapes.csv", &texts.shapes_csv),
-        ("surface.csv", &texts.surface_csv),
-        ("table.tex", &texts.latex),
-    ] {
-        write_bytes(&args.out.join(name), text.as_bytes())?;
+    let texts = [&texts.markdown, &texts.csv, &texts.shapes_csv, &texts.surface_csv, &texts.latex]
+        .map(String::as_bytes);
+    for (name, text) in TABLES.into_iter().zip(texts) {
+        write_bytes(&args.out.join(name), text)?;
     }
     if let Some((done, all)) = stopped {
         let text = format!("after {done} of {all} runs; the same command goes on from there");
@@ -302,10 +312,14 @@ fn draw_sheets(results: Results<'_>, args: &SuiteArgs) -> Result<(), Failure> {
         }
         let titles = sheet_titles(results, setting, seed);
         let image = sheet::draw(&titles, &entries, &view, &args.out);
-        let path = args.out.join(format!("sheet_{}.png", setting.file_name()));
-        write_bytes(&path, &image.to_small_png())?;
+        write_bytes(&args.out.join(sheet_file(setting)), &image.to_small_png())?;
     }
     Ok(())
+}
+
+/// The file of a setting's picture, in the directory of the results.
+fn sheet_file(setting: &Setting) -> String {
+    format!("sheet_{}.png", setting.file_name())
 }
 
 /// The two lines above a sheet.
