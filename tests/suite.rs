@@ -237,6 +237,21 @@ fn other_options_do_not_replace_the_meshes_of_earlier_runs() {
 }
 
 #[test]
+fn results_beside_the_shapes_are_not_taken_for_shapes() {
+    let dir = Dir::new("suite-flat");
+    let flat = dir.path("flat");
+    fs::create_dir(&flat).unwrap();
+    write_mesh(flat.join("cube.ply"), &cuboid([0.8; 3])).unwrap();
+    let cloud = flat.join("cube_60.xyz");
+    run(program().arg("sample").arg(flat.join("cube.ply")).arg("-o").arg(cloud).args(["-n", "60"]), 0);
+    let first = run(&mut suite(&flat, &flat), 0);
+    assert!(flat.join("shapes.csv").exists() && err(&first).contains("1 shapes"), "{}", err(&first));
+    let again = run(&mut suite(&flat, &flat), 0);
+    assert!(err(&again).contains("1 runs, 0 to make"), "{}", err(&again));
+    assert_eq!(out(&again), out(&first));
+}
+
+#[test]
 fn wrong_wishes_are_refused_before_any_work() {
     let dir = Dir::new("suite-usage");
     let (data, to) = (data(&dir), dir.path("out"));

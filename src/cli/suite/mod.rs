@@ -10,6 +10,7 @@ use clap::Args;
 mod ablations;
 mod fingerprint;
 mod inputs;
+mod names;
 mod plan;
 mod record;
 mod results;
@@ -30,18 +31,13 @@ use super::preview::{Angles, Axis, View};
 use super::sample::Noise;
 use super::settings::preset_parser;
 use inputs::Search;
+use names::{RUNS, TABLES};
 use plan::{Measure, Plan};
 use record::Record;
 use results::Results;
 use setting::{Change, Setting, Wanted};
 use store::RunFile;
 use work::Runner;
-
-/// The file of all runs, in the directory of the results.
-const RUNS: &str = "runs.jsonl";
-
-/// The tables, likewise.
-const TABLES: [&str; 5] = ["table.md", "table.csv", "shapes.csv", "surface.csv", "table.tex"];
 
 const LONG: &str = "\
 Reconstruct many shapes with many settings and seeds, and tell how good the results are
@@ -170,6 +166,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
         truth: args.truth.as_deref(),
         inputs: &args.inputs,
         shapes: &args.shapes,
+        out: &args.out,
     })?;
     let settings = Wanted {
         preset: args.preset,
