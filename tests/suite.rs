@@ -3,7 +3,9 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use bijective_sdf::geometry::{AnalyticShape, TriangleMesh};
 use bijective_sdf::io::{read_cloud, read_mesh, write_cloud, write_mesh};
@@ -249,6 +251,45 @@ fn results_beside_the_shapes_are_not_taken_for_shapes() {
     let again = run(&mut suite(&flat, &flat), 0);
     assert!(err(&again).contains("1 runs, 0 to make"), "{}", err(&again));
     assert_eq!(out(&again), out(&first));
+}
+
+/// A process that ends with the test, also if that fails.
+struct Ends(Child);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn one_suite_at_a_time_writes_to_a_directory() {
+    let dir = Dir::new("suite-lock");
+    let (data, to) = (data(&dir), dir.path("out"));
+    let lock = to.join(".runs.jsonl.lock");
+    let wanted = ["--shapes", "ball_60", "--no-sheets"];
+    // Steps enough for the second to come in between.
+    let mut long = suite(&data, &to);
+    long.args(wanted).args(["--quiet", "--set", "stages=12:1000000"]);
+    let mut first = Ends(long.spawn().unwrap());
+    let began = Instant::now();
+    let owner = format!("{}\n", first.0.id());
+    while fs::read_to_string(&lock).ok().as_ref() != Some(&owner) {
+        assert!(began.elapsed() < Duration::from_secs(60) && first.0.try_wait().unwrap().is_none());
+        sleep(Duration::from_millis(5));
+    }
+    let parts = ["another run", owner.trim(), "runs.jsonl", "--out"];
+    fails(suite(&data, &to).args(wanted).arg("--quiet"), 1, &parts);
+    // What there is may be looked at, and other results are made.
+    run(suite(&data, &to).args(wanted).arg("--dry-run"), 0);
+    run(suite(&data, &dir.path("other")).args(wanted), 0);
+    // It ends with the process, however that ends.
+    first.0.kill().unwrap();
+    first.0.wait().unwrap();
+    assert!(lock.exists());
+    run(suite(&data, &to).args(wanted), 0);
+    assert!(!lock.exists() && lines(&to).len() == 1);
 }
 
 #[test]

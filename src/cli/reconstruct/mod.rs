@@ -15,7 +15,7 @@ use super::coverage::coverage_text;
 use super::failure::Failure;
 use super::input::Input;
 use super::interrupt::Interrupt;
-use super::lock::Lock;
+use super::lock::{Lock, Use};
 use super::output::write_bytes;
 use super::paths::is_pipe;
 use super::preview::{View, render};
@@ -87,7 +87,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("{option} needs a training, which stages=none leaves out")));
     }
     // Held to the end.
-    let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
+    let _lock = args.checkpoint.as_deref().map(|path| Lock::on(path, Use::Checkpoints)).transpose()?;
     let interrupt = Interrupt::install("giving up the step and writing a checkpoint")?;
     let mut cloud = PreparedCloud::read(args, &outputs.mesh, common)?;
     let count = cloud.points.len();

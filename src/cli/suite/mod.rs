@@ -25,6 +25,7 @@ use super::console::print;
 use super::failure::Failure;
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::interrupt::Interrupt;
+use super::lock::{Lock, Use};
 use super::output::{make_directory, write_bytes};
 use super::paths::check_apart;
 use super::preview::{Angles, Axis, View};
@@ -189,6 +190,12 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     }
 
     let runs = args.out.join(RUNS);
+    // Held to the end, from before the runs are read: two suites would make the same ones.
+    let lock = || -> Result<_, Failure> {
+        make_directory(&args.out)?;
+        Lock::on(&runs, Use::Runs)
+    };
+    let _lock = if args.dry_run { None } else { lock()? };
     let stored = store::read(&runs)?;
     if stored.torn > 0 {
         common.note(&format!("{}: dropped the last line, which is not whole", runs.display()));
@@ -206,7 +213,6 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     common.note(&text);
     note_builds(&plan, &records, common);
 
-    make_directory(&args.out)?;
     let store = RunFile::open(&runs, &stored)?;
     let mut stopped = None;
     if !open.is_empty() {
