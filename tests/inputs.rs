@@ -149,6 +149,64 @@ fn an_input_is_never_overwritten_however_it_is_named() {
     fails(&mut command, 2, &["both"]);
     fails(program().arg("sample").arg(&mesh).arg("-o").arg(dir.path("sub/../box.ply")), 2, &["overwrite"]);
     assert!(fs::read(&cloud).unwrap() == before);
+    // The options are an input, too.
+    let options = dir.text("options.toml", "seed = 1\n");
+    for option in ["--checkpoint", "--save-field"] {
+        let mut command = tiny(&cloud, &dir.path("mesh.ply"));
+        command.arg("--config").arg(&options).arg(option).arg(dir.path("./options.toml"));
+        fails(&mut command, 2, &[option, "overwrite the input"]);
+    }
+    let file = dir.text("truth.ply", "seed = 1\n");
+    let mut command = program();
+    command.args(["demo", "--preset", "start", "--out"]).arg(&dir.0).arg("--config").arg(&file);
+    fails(&mut command, 2, &["--out", "truth.ply"]);
+    assert_eq!(
+        fs::read_to_string(&options).unwrap() + &fs::read_to_string(&file).unwrap(),
+        "seed = 1\nseed = 1\n"
+    );
+}
+
+#[cfg(unix)]
+#[test]
+fn what_the_shell_gives_as_standard_input_is_not_overwritten() {
+    let dir = Dir::new("over-stdin");
+    let (cloud, mesh) = (dir.cloud(), dir.mesh("box.ply", true));
+    let (field, other) = (dir.path("field.bin"), dir.path("other.ply"));
+    run(tiny(&cloud, &other).arg("--save-field").arg(&field), 0);
+    let files = [&cloud, &mesh, &field];
+    let before = files.map(|file| fs::read(file).unwrap());
+    std::os::unix::fs::symlink(&cloud, dir.path("soft.ply")).unwrap();
+    let from = |mut command: std::process::Command, file: &Path| {
+        command.stdin(fs::File::open(file).unwrap());
+        command
+    };
+    let of = |words: &[&str], output: &Path| {
+        let mut command = program();
+        command.args(words).arg("-o").arg(output);
+        command
+    };
+    let pipe = Path::new("-");
+    let mut previewed = tiny(pipe, &other);
+    let picture = dir.path("cloud.png");
+    fs::hard_link(&cloud, &picture).unwrap();
+    previewed.arg("--preview").arg(&picture);
+    let mut at_points = program();
+    at_points.arg("sdf").arg(&field).arg("-").arg("-o").arg(&cloud);
+    for (command, file) in [
+        (tiny(pipe, &cloud), &cloud),
+        (tiny(pipe, &dir.path("soft.ply")), &cloud),
+        (previewed, &cloud),
+        (at_points, &cloud),
+        (of(&["mesh", "-", "--output-format", "ply"], &field), &field),
+        (of(&["sdf", "-", cloud.to_str().unwrap()], &field), &field),
+        (of(&["sample", "-", "-n", "20"], &mesh), &mesh),
+    ] {
+        fails(&mut from(command, file), 2, &["overwrite the input"]);
+    }
+    assert!(files.map(|file| fs::read(file).unwrap()) == before);
+    // Other files are written, and those that are there replaced.
+    run(&mut from(tiny(pipe, &other), &cloud), 0);
+    run(&mut from(of(&["sample", "-", "-n", "20"], &other), &mesh), 0);
 }
 
 #[test]

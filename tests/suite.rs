@@ -3,7 +3,9 @@
 
 use std::fs;
 use std::path::Path;
-use std::process::Command;
+use std::process::{Child, Command};
+use std::thread::sleep;
+use std::time::{Duration, Instant};
 
 use bijective_sdf::geometry::{AnalyticShape, TriangleMesh};
 use bijective_sdf::io::{read_cloud, read_mesh, write_cloud, write_mesh};
@@ -189,9 +191,12 @@ fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
     fs::write(data.join("in/flat.xyz"), "0 0 0\n1 0 0\n0 1 0\n1 1 0\n3 4 0\n").unwrap();
     let (one, two) = (dir.path("one"), dir.path("two"));
     let args = ["--shapes", "cube,flat", "--no-sheets", "--quiet"];
-    let output = run(suite(&data, &one).args(args).args(["--jobs", "1", "--threads", "2"]), 0);
-    assert!(output.stderr.is_empty(), "{}", err(&output));
-    run(suite(&data, &two).args(args).args(["--jobs", "3", "--threads", "1"]), 0);
+    // The other runs are made, and the exit code is that of the failure.
+    let output = run(suite(&data, &one).args(args).args(["--jobs", "1", "--threads", "2"]), 3);
+    let told = "error: 1 of 2 runs failed, the last of them default flat seed 0: ";
+    assert!(err(&output).starts_with(told) && err(&output).lines().count() == 1, "{}", err(&output));
+    assert!(out(&output).contains("| default "), "{}", out(&output));
+    run(suite(&data, &two).args(args).args(["--jobs", "3", "--threads", "1"]), 3);
     let by_shape =
         |to: &Path, shape: &str| lines(to).into_iter().find(|l| l.at("shape").text() == shape).unwrap();
     let flat = by_shape(&one, "flat");
@@ -204,9 +209,12 @@ fn runs_that_fail_are_results_too_and_the_number_of_threads_changes_nothing() {
     assert_eq!(mesh(&one), mesh(&two));
     // They are made again only if that is asked for.
     for (retry, made) in [(&[][..], "0 to make"), (&["--retry"], "1 to make")] {
-        let again = run(suite(&data, &one).args(&args[..3]).args(retry), 0);
+        let again = run(suite(&data, &one).args(&args[..3]).args(retry), 3);
         assert!(err(&again).contains(made), "{}", err(&again));
     }
+    // Those that are not asked for do not count.
+    run(suite(&data, &one).args(["--shapes", "cube", "--no-sheets"]), 0);
+    run(suite(&data, &one).args(args), 3);
     assert_eq!(lines(&one).len(), 3);
     let table = fs::read_to_string(one.join("table.md")).unwrap();
     assert!(table.contains("- **flat**, seed 0: ") && table.contains("in one plane"), "{table}");
@@ -231,16 +239,78 @@ fn other_options_do_not_replace_the_meshes_of_earlier_runs() {
 }
 
 #[test]
+fn results_beside_the_shapes_are_not_taken_for_shapes() {
+    let dir = Dir::new("suite-flat");
+    let flat = dir.path("flat");
+    fs::create_dir(&flat).unwrap();
+    write_mesh(flat.join("cube.ply"), &cuboid([0.8; 3])).unwrap();
+    let cloud = flat.join("cube_60.xyz");
+    run(program().arg("sample").arg(flat.join("cube.ply")).arg("-o").arg(cloud).args(["-n", "60"]), 0);
+    let first = run(&mut suite(&flat, &flat), 0);
+    assert!(flat.join("shapes.csv").exists() && err(&first).contains("1 shapes"), "{}", err(&first));
+    let again = run(&mut suite(&flat, &flat), 0);
+    assert!(err(&again).contains("1 runs, 0 to make"), "{}", err(&again));
+    assert_eq!(out(&again), out(&first));
+}
+
+/// A process that ends with the test, also if that fails.
+struct Ends(Child);
+
+impl Drop for Ends {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+#[test]
+fn one_suite_at_a_time_writes_to_a_directory() {
+    let dir = Dir::new("suite-lock");
+    let (data, to) = (data(&dir), dir.path("out"));
+    let lock = to.join(".runs.jsonl.lock");
+    let wanted = ["--shapes", "ball_60", "--no-sheets"];
+    // Steps enough for the second to come in between.
+    let mut long = suite(&data, &to);
+    long.args(wanted).args(["--quiet", "--set", "stages=12:1000000"]);
+    let mut first = Ends(long.spawn().unwrap());
+    let began = Instant::now();
+    let owner = format!("{}\n", first.0.id());
+    while fs::read_to_string(&lock).ok().as_ref() != Some(&owner) {
+        assert!(began.elapsed() < Duration::from_secs(60) && first.0.try_wait().unwrap().is_none());
+        sleep(Duration::from_millis(5));
+    }
+    let parts = ["another run", owner.trim(), "runs.jsonl", "--out"];
+    fails(suite(&data, &to).args(wanted).arg("--quiet"), 1, &parts);
+    // What there is may be looked at, and other results are made.
+    run(suite(&data, &to).args(wanted).arg("--dry-run"), 0);
+    run(suite(&data, &dir.path("other")).args(wanted), 0);
+    // It ends with the process, however that ends.
+    first.0.kill().unwrap();
+    first.0.wait().unwrap();
+    assert!(lock.exists());
+    run(suite(&data, &to).args(wanted), 0);
+    assert!(!lock.exists() && lines(&to).len() == 1);
+}
+
+#[test]
 fn wrong_wishes_are_refused_before_any_work() {
     let dir = Dir::new("suite-usage");
     let (data, to) = (data(&dir), dir.path("out"));
     fails(suite(&data, &to).args(["--setting", "best"]), 2, &["best", "sparse"]);
     fails(suite(&data, &to).args(["--set", "field.widht=3"]), 2, &["did you mean"]);
+    fails(suite(&data, &to).args(["--set", "seed=4"]), 2, &["--set seed=4", "--seeds 4,"]);
+    fails(suite(&data, &to).args(["--set", " seed = 4"]), 2, &["--seeds 4,"]);
     fails(suite(&data, &to).args(["--shapes", "dog"]), 2, &["dog"]);
     fails(suite(&data, &to).args(["--inputs", "dog*"]), 3, &["no point cloud", "dog*"]);
     fails(&mut suite(&dir.path("none"), &to), 3, &["none"]);
     run(suite(&data, &to).args(["--seeds", "0"]), 2);
     fs::create_dir_all(&to).unwrap();
+    for name in ["table.csv", "sheet_mine.png"] {
+        let file = to.join(name);
+        fs::write(&file, "[mine]\n").unwrap();
+        fails(suite(&data, &to).arg("--settings").arg(&file), 2, &["--out", name, "overwrite"]);
+        assert_eq!(fs::read_to_string(file).unwrap(), "[mine]\n");
+    }
     fs::write(to.join("runs.jsonl"), "{}\n").unwrap();
     fails(&mut suite(&data, &to), 3, &["runs.jsonl:1", "remove the line"]);
 }

@@ -18,6 +18,7 @@ use super::failure::Failure;
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::json::Object;
 use super::output::{make_directory, write_bytes};
+use super::paths::check_apart;
 use super::preview::{Axis, View, render};
 use super::reconstruct::describe;
 use super::report::{gate, report_json, report_text};
@@ -74,6 +75,14 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("--noise {}: a number of at least 0 expected", args.noise)));
     }
     let (config, preset) = args.settings.build()?;
+    let path = |file: &str| args.out.join(file);
+    let (cloud_file, mesh_file) = (path("cloud.ply"), path("mesh.ply"));
+    let (truth_file, picture) = (path("truth.ply"), path("preview.png"));
+    if let Some(config) = &args.settings.config {
+        for file in [&cloud_file, &mesh_file, &truth_file, &picture] {
+            check_apart("--out", file, config)?;
+        }
+    }
     make_directory(&args.out)?;
     let Named { name, shape } = args.shape;
     let (mut points, _) = shape.sample(args.points as usize, config.seed);
@@ -97,9 +106,6 @@ pub fn run(args: &DemoArgs, common: Common) -> Result<(), Failure> {
     let view = View { up: Axis::Z, ..View::default() };
     let image = render(&widened(&points), &mesh, &view)?;
 
-    let path = |file: &str| args.out.join(file);
-    let (cloud_file, mesh_file) = (path("cloud.ply"), path("mesh.ply"));
-    let (truth_file, picture) = (path("truth.ply"), path("preview.png"));
     write_cloud(&cloud_file, &points).map_err(Failure::Output)?;
     write_mesh(&mesh_file, &mesh).map_err(Failure::Output)?;
     write_mesh(&truth_file, &truth).map_err(Failure::Output)?;

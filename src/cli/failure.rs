@@ -18,6 +18,8 @@ pub enum Failure {
     Usage(String),
     /// The work is done, but the mesh is not closed and oriented.
     Gate(String),
+    /// Runs of a suite failed: how many, and the exit code of the last one.
+    Runs(String, u8),
     /// The user asked to stop.
     Interrupted(String),
     /// The reader of the standard output closed the pipe.
@@ -37,6 +39,7 @@ impl Failure {
             Failure::Output(_) => 1,
             Failure::Usage(_) => 2,
             Failure::Gate(_) => 4,
+            Failure::Runs(_, code) => *code,
             Failure::Interrupted(_) => 130,
             Failure::Closed => 0,
         }
@@ -46,7 +49,7 @@ impl Failure {
     pub fn line(&self) -> Option<String> {
         let text = match self {
             Failure::Library(e) | Failure::Input(e) | Failure::Output(e) => format!("error: {}", chain(e)),
-            Failure::Usage(text) => format!("error: {text}"),
+            Failure::Usage(text) | Failure::Runs(text, _) => format!("error: {text}"),
             Failure::Gate(text) => format!("warning: {text}"),
             Failure::Interrupted(text) => format!("interrupted: {text}"),
             Failure::Closed => return None,
@@ -122,6 +125,7 @@ mod tests {
             (Failure::Input(Error::new(ErrorKind::Io, "x")), 3),
             (Failure::Output(Error::new(ErrorKind::Data, "x")), 1),
             (Failure::Gate("x".into()), 4),
+            (Failure::Runs("x".into(), 3), 3),
             (Failure::Interrupted("x".into()), 130),
             (Failure::cannot_read(Path::new("x"), io::Error::other("gone")), 3),
             (Failure::cannot_write(Path::new("x"), io::Error::other("full")), 1),

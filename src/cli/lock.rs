@@ -8,6 +8,31 @@ use bijective_sdf::{Error, ErrorKind};
 
 use super::failure::Failure;
 
+/// What a run writes to the file that it locks.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Use {
+    /// Checkpoints of a reconstruction.
+    Checkpoints,
+    /// The runs of a suite.
+    Runs,
+}
+
+impl Use {
+    /// Why another run has to wait, and what to do instead.
+    fn reason_and_advice(self) -> [&'static str; 2] {
+        match self {
+            Use::Checkpoints => [
+                "writes its checkpoints to this file",
+                "wait for it to end, or give another file to --checkpoint",
+            ],
+            Use::Runs => [
+                "of `suite` writes its results to this file",
+                "wait for it to end, or give another directory to --out",
+            ],
+        }
+    }
+}
+
 /// A lock on a file, through another one beside it, as the file itself is replaced at every writing. It ends with the
 /// process, however that ends; the file beside it may stay then, and is taken over by the next run.
 #[derive(Debug)]
@@ -18,7 +43,7 @@ pub struct Lock {
 
 impl Lock {
     /// Locks a file that is to be written. Where the system locks no files, nothing is locked.
-    pub fn on(path: &Path) -> Result<Option<Lock>, Failure> {
+    pub fn on(path: &Path, what: Use) -> Result<Option<Lock>, Failure> {
         // What is no file, such as a device, is not replaced.
         if fs::metadata(path).is_ok_and(|meta| !meta.is_file()) {
             return Ok(None);
@@ -45,12 +70,12 @@ impl Lock {
                 Err(TryLockError::WouldBlock) => {
                     let mut owner = String::new();
                     let _ = file.read_to_string(&mut owner);
-                    return Err(held(path, owner.trim()));
+                    return Err(held(path, owner.trim(), what));
                 }
                 Err(TryLockError::Error(_)) => return Ok(None),
             }
         }
-        Err(held(path, ""))
+        Err(held(path, "", what))
     }
 }
 
@@ -61,10 +86,11 @@ impl Drop for Lock {
     }
 }
 
-fn held(path: &Path, owner: &str) -> Failure {
+fn held(path: &Path, owner: &str, what: Use) -> Failure {
+    let [reason, advice] = what.reason_and_advice();
     let owner = if owner.is_empty() { String::new() } else { format!(" (process {owner})") };
-    let error = Error::new(ErrorKind::Io, format!("another run{owner} writes its checkpoints to this file"));
-    Failure::Output(error.in_file(path).advise("wait for it to end, or give another file to --checkpoint"))
+    let error = Error::new(ErrorKind::Io, format!("another run{owner} {reason}"));
+    Failure::Output(error.in_file(path).advise(advice))
 }
 
 fn beside(path: &Path) -> PathBuf {
@@ -92,14 +118,16 @@ mod tests {
     #[test]
     fn one_at_a_time_and_again_afterwards() {
         let path = std::env::temp_dir().join(format!("bijective-sdf-lock-{}", std::process::id()));
-        let lock = Lock::on(&path).unwrap().expect("a system that locks files");
-        let refused = Lock::on(&path).unwrap_err().line().unwrap();
-        assert!(refused.contains("another run") && refused.contains("--checkpoint"), "{refused}");
+        let lock = Lock::on(&path, Use::Checkpoints).unwrap().expect("a system that locks files");
+        for (what, option) in [(Use::Checkpoints, "--checkpoint"), (Use::Runs, "--out")] {
+            let refused = Lock::on(&path, what).unwrap_err().line().unwrap();
+            assert!(refused.contains("another run") && refused.contains(option), "{refused}");
+        }
         drop(lock);
         assert!(!beside(&path).exists());
         // What a killed run left is no lock.
         fs::write(beside(&path), "1\n").unwrap();
-        drop(Lock::on(&path).unwrap());
+        drop(Lock::on(&path, Use::Runs).unwrap());
         assert!(!beside(&path).exists());
     }
 }

@@ -56,6 +56,9 @@ pub fn run(args: &MeshArgs, common: Common) -> Result<(), Failure> {
     check_format(&output, args.carry.is_some(), args.trim.support)?;
     if let Some(path) = &args.carry {
         check_apart("--output", &args.output, path)?;
+        if let Some(preview) = &args.view.preview {
+            check_apart("--preview", preview, path)?;
+        }
     }
     let field = Input::read(&args.field, None)?.field()?;
     field.notices().iter().for_each(|notice| common.note(notice));

@@ -45,9 +45,26 @@ fn is_hard_link(_: &Path, _: &Path) -> bool {
     false
 }
 
-/// Refuses to write over what is read.
+/// Whether a path names the file that a shell redirects to standard input.
+#[cfg(unix)]
+fn is_standard_input(path: &Path) -> bool {
+    use std::os::fd::AsFd;
+    use std::os::unix::fs::MetadataExt;
+    let input = || fs::File::from(std::io::stdin().as_fd().try_clone_to_owned().ok()?).metadata().ok();
+    // What is no regular file, such as a pipe or a terminal, is not replaced.
+    let input = input().filter(fs::Metadata::is_file);
+    input.is_some_and(|a| fs::metadata(path).is_ok_and(|b| (a.dev(), a.ino()) == (b.dev(), b.ino())))
+}
+
+#[cfg(not(unix))]
+fn is_standard_input(_: &Path) -> bool {
+    false
+}
+
+/// Refuses to write over what is read, also if that is standard input.
 pub fn check_apart(option: &str, output: &Path, input: &Path) -> Result<(), Failure> {
-    if is_same_file(output, input) {
+    let piped = is_pipe(input) && !is_pipe(output) && is_standard_input(output);
+    if piped || is_same_file(output, input) {
         let text = format!("{option} would overwrite the input, {}", output.display());
         return Err(Failure::Usage(text));
     }

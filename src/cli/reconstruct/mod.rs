@@ -15,7 +15,7 @@ use super::coverage::coverage_text;
 use super::failure::Failure;
 use super::input::Input;
 use super::interrupt::Interrupt;
-use super::lock::Lock;
+use super::lock::{Lock, Use};
 use super::output::write_bytes;
 use super::paths::is_pipe;
 use super::preview::{View, render};
@@ -87,7 +87,7 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
         return Err(Failure::Usage(format!("{option} needs a training, which stages=none leaves out")));
     }
     // Held to the end.
-    let _lock = args.checkpoint.as_deref().map(Lock::on).transpose()?;
+    let _lock = args.checkpoint.as_deref().map(|path| Lock::on(path, Use::Checkpoints)).transpose()?;
     let interrupt = Interrupt::install("giving up the step and writing a checkpoint")?;
     let mut cloud = PreparedCloud::read(args, &outputs.mesh, common)?;
     let count = cloud.points.len();
@@ -96,12 +96,10 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if let (false, Some(limit)) = (config.trains(count), config.train_up_to) {
         cloud.notices.extend(untrained(args, &config, limit, common)?);
     }
-    let points = &cloud.points;
-
     let mut trained = {
         let mut hints = Hints::default();
         (hints.normals, hints.anisotropy) = (cloud.normals.as_deref(), args.anisotropy);
-        train(points, &config, &hints, &plan(args, common), Some(&interrupt))?
+        train(&cloud.points, &config, &hints, &plan(args, common), Some(&interrupt))?
     };
     if trained.timed_out {
         common.note(&format!(
@@ -110,6 +108,16 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             trained.total,
             trained.last.map_or(String::new(), |r| format!(", in the phase {}", r.phase))
         ));
+    }
+    if let Some(limit) = args.time_limit.filter(|limit| trained.before_steps > limit.as_secs_f64()) {
+        let told = format!(
+            "--time-limit {}: what comes before the first step, such as finding the first shape, alone took {:.1} s; the \
+             limit only ends steps",
+            limit.as_secs_f64(),
+            trained.before_steps
+        );
+        common.warn(&told);
+        cloud.warnings.push(told);
     }
     // What cost the time first: whatever fails from here on, the mesh can be made again from the field.
     let mut report = Written::default();

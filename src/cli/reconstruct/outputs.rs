@@ -55,6 +55,9 @@ impl Outputs {
                 return Err(Failure::Usage(format!("{option} - and --json would mix on standard output")));
             }
             check_apart(option, path, &args.input)?;
+            if let Some(config) = &args.settings.config {
+                check_apart(option, path, config)?;
+            }
             // A run may go on in the checkpoint that it came from.
             if let Some(resume) = args.resume.as_deref().filter(|_| *option != "--checkpoint") {
                 check_apart(option, path, resume)?;

@@ -8,6 +8,8 @@ use bijective_sdf::{Error, ErrorKind};
 
 use super::super::failure::Failure;
 use super::super::input::{Content, Input};
+use super::super::paths::is_same_file;
+use super::names::{RUNS, TABLES};
 
 /// The files of a shape: a cloud to reconstruct and, if there is one, the truth that it was taken from.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -55,16 +57,18 @@ pub struct Search<'a> {
     pub inputs: &'a str,
     /// Names of clouds or truths; none means all.
     pub shapes: &'a [String],
+    /// The directory of the results, whose own files are no shapes.
+    pub out: &'a Path,
 }
 
 /// The shapes by name.
 pub fn find(search: Search<'_>) -> Result<Vec<ShapeFiles>, Failure> {
     let below = |name: &str| Some(search.dir.join(name)).filter(|d| d.is_dir());
     let from = below("in").unwrap_or_else(|| search.dir.to_path_buf());
-    let mut clouds = list(&from)?;
+    let mut clouds = list(&from, search.out)?;
     let apart = search.truth.map(Path::to_path_buf).or_else(|| below("gt")).filter(|d| *d != from);
     let truths = match apart {
-        Some(dir) => list(&dir)?,
+        Some(dir) => list(&dir, search.out)?,
         None => {
             // Beside each other, what has faces is a truth and no input.
             let mut truths = Vec::new();
@@ -110,13 +114,25 @@ pub fn find(search: Search<'_>) -> Result<Vec<ShapeFiles>, Failure> {
     Ok(shapes)
 }
 
-/// The files of a directory whose extension is that of a known format, by stem.
-fn list(dir: &Path) -> Result<Vec<(String, PathBuf)>, Failure> {
+/// The files of a directory whose extension is that of a known format, by stem; without the tables of earlier runs if
+/// it is that of the results, `to`, too.
+///
+/// # Errors
+/// [`Failure::Usage`] if a file has the name of a table and cannot be one, as there are no runs: it would be replaced.
+fn list(dir: &Path, to: &Path) -> Result<Vec<(String, PathBuf)>, Failure> {
     let failed =
         |e| Failure::Input(Error::new(ErrorKind::Io, "cannot read the directory").in_file(dir).caused_by(e));
     let mut out: Vec<(String, PathBuf)> = Vec::new();
+    let with_results = is_same_file(dir, to);
     for entry in fs::read_dir(dir).map_err(failed)? {
         let path = entry.map_err(failed)?.path();
+        if with_results && path.file_name().is_some_and(|name| TABLES.iter().any(|table| name == *table)) {
+            if !to.join(RUNS).exists() {
+                let text = format!("--out would overwrite {}; give another directory", path.display());
+                return Err(Failure::Usage(text));
+            }
+            continue;
+        }
         let stem = path.file_stem().and_then(|s| s.to_str());
         if let Some(stem) = stem.filter(|s| !s.starts_with('.'))
             && path.is_file()
@@ -205,7 +221,7 @@ mod tests {
         }
         write_mesh(dir.join("beside/a.ply"), &mesh).unwrap();
 
-        let search = Search { dir: &dir, truth: None, inputs: "*", shapes: &[] };
+        let search = Search { dir: &dir, truth: None, inputs: "*", shapes: &[], out: &dir.join("out") };
         let found = find(search).unwrap();
         assert_eq!(names(&found), [("a_300", Some("a")), ("b_100", Some("b")), ("lone", None)]);
         let found = find(Search { inputs: "*_300", ..search }).unwrap();
@@ -219,6 +235,16 @@ mod tests {
         assert_eq!(names(&found), [("a_300", Some("a")), ("a_300_n005", Some("a"))]);
         let found = find(Search { dir: &beside, truth: Some(&dir.join("in")), ..search }).unwrap();
         assert_eq!(names(&found), [("a", None), ("a_300", Some("a_300")), ("a_300_n005", Some("a_300"))]);
+
+        // Results beside the shapes. A table that no run has made is a cloud of the user.
+        let out = dir.join("in/../beside");
+        cloud("beside/shapes.csv");
+        assert_eq!(names(&find(Search { dir: &beside, ..search }).unwrap()).len(), 3);
+        let with_results = Search { dir: &beside, out: &out, ..search };
+        let refused = find(with_results).unwrap_err();
+        assert!(refused.code() == 2 && refused.text().contains("shapes.csv"), "{refused:?}");
+        fs::write(beside.join(RUNS), "").unwrap();
+        assert_eq!(names(&find(with_results).unwrap()), [("a_300", Some("a")), ("a_300_n005", Some("a"))]);
 
         assert!(matches!(find(Search { inputs: "x*", ..search }), Err(Failure::Input(_))));
         assert!(matches!(find(Search { shapes: &["x".into()], ..search }), Err(Failure::Usage(_))));

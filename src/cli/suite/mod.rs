@@ -10,6 +10,7 @@ use clap::Args;
 mod ablations;
 mod fingerprint;
 mod inputs;
+mod names;
 mod plan;
 mod record;
 mod results;
@@ -24,11 +25,14 @@ use super::console::print;
 use super::failure::Failure;
 use super::fineness::{RESOLUTION, resolution_parser};
 use super::interrupt::Interrupt;
+use super::lock::{Lock, Use};
 use super::output::{make_directory, write_bytes};
+use super::paths::check_apart;
 use super::preview::{Angles, Axis, View};
 use super::sample::Noise;
 use super::settings::preset_parser;
 use inputs::Search;
+use names::{RUNS, TABLES};
 use plan::{Measure, Plan};
 use record::Record;
 use results::Results;
@@ -50,7 +54,10 @@ program is not noticed but by a note.
 OUT/table.md, table.csv, shapes.csv, surface.csv, table.tex and a picture sheet_SETTING.png for each setting show the
 runs that the command line asks for; the tables of the settings also go to standard output. The second of them is about
 the denser points S that the surface is drawn to, which OUT/surfaces has: whether they are distinct, whether their codes
-fill the sphere, and how well they cover the truth, beside the points themselves.";
+fill the sphere, and how well they cover the truth, beside the points themselves.
+
+A run that fails does not stop the others. Once all tables and pictures are written, the exit code is that of the last
+failure in their order, also if an earlier command made it; --retry makes such runs again.";
 
 /// Arguments of `suite`.
 #[derive(Debug, Args)]
@@ -160,6 +167,7 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
         truth: args.truth.as_deref(),
         inputs: &args.inputs,
         shapes: &args.shapes,
+        out: &args.out,
     })?;
     let settings = Wanted {
         preset: args.preset,
@@ -174,7 +182,20 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     let plan = Plan::new(&shapes, &settings, &args.seeds.0, measure)?;
     plan.notes.iter().for_each(|note| common.note(note));
 
-    let runs = args.out.join("runs.jsonl");
+    if let Some(file) = &args.settings {
+        let sheets = settings.iter().map(sheet_file);
+        for name in [RUNS].into_iter().chain(TABLES).map(String::from).chain(sheets) {
+            check_apart("--out", &args.out.join(name), file)?;
+        }
+    }
+
+    let runs = args.out.join(RUNS);
+    // Held to the end, from before the runs are read: two suites would make the same ones.
+    let lock = || -> Result<_, Failure> {
+        make_directory(&args.out)?;
+        Lock::on(&runs, Use::Runs)
+    };
+    let _lock = if args.dry_run { None } else { lock()? };
     let stored = store::read(&runs)?;
     if stored.torn > 0 {
         common.note(&format!("{}: dropped the last line, which is not whole", runs.display()));
@@ -192,7 +213,6 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     common.note(&text);
     note_builds(&plan, &records, common);
 
-    make_directory(&args.out)?;
     let store = RunFile::open(&runs, &stored)?;
     let mut stopped = None;
     if !open.is_empty() {
@@ -216,14 +236,10 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     let results = Results { plan: &plan, records: &records };
     let title = title(&plan, args);
     let texts = tables::write(results, &title, args.ablations);
-    for (name, text) in [
-        ("table.md", &texts.markdown),
-        ("table.csv", &texts.csv),
-        ("shapes.csv", &texts.shapes_csv),
-        ("surface.csv", &texts.surface_csv),
-        ("table.tex", &texts.latex),
-    ] {
-        write_bytes(&args.out.join(name), text.as_bytes())?;
+    let texts = [&texts.markdown, &texts.csv, &texts.shapes_csv, &texts.surface_csv, &texts.latex]
+        .map(String::as_bytes);
+    for (name, text) in TABLES.into_iter().zip(texts) {
+        write_bytes(&args.out.join(name), text)?;
     }
     if let Some((done, all)) = stopped {
         let text = format!("after {done} of {all} runs; the same command goes on from there");
@@ -232,7 +248,8 @@ pub fn run(args: &SuiteArgs, common: Common) -> Result<(), Failure> {
     if !args.no_sheets {
         draw_sheets(results, args)?;
     }
-    print(tables::screen(results, args.ablations))
+    print(tables::screen(results, args.ablations))?;
+    results.failure().map_or(Ok(()), Err)
 }
 
 /// How much there is to do, in a line.
@@ -298,10 +315,14 @@ fn draw_sheets(results: Results<'_>, args: &SuiteArgs) -> Result<(), Failure> {
         }
         let titles = sheet_titles(results, setting, seed);
         let image = sheet::draw(&titles, &entries, &view, &args.out);
-        let path = args.out.join(format!("sheet_{}.png", setting.file_name()));
-        write_bytes(&path, &image.to_small_png())?;
+        write_bytes(&args.out.join(sheet_file(setting)), &image.to_small_png())?;
     }
     Ok(())
+}
+
+/// The file of a setting's picture, in the directory of the results.
+fn sheet_file(setting: &Setting) -> String {
+    format!("sheet_{}.png", setting.file_name())
 }
 
 /// The two lines above a sheet.

@@ -8,14 +8,29 @@ use serde_json::value::RawValue;
 use std::collections::BTreeMap;
 
 use super::super::coverage::{TruthCoverage, coverage_json};
+use super::super::failure::Failure;
 use super::super::report::{report_json, topology_json};
 use super::plan::{Job, Measure};
+
+/// Why a run gave no result.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct RunFailure {
+    pub text: String,
+    /// The exit code of a command that fails for this.
+    pub exit_code: u8,
+}
+
+impl From<Failure> for RunFailure {
+    fn from(failure: Failure) -> Self {
+        RunFailure { text: failure.text(), exit_code: failure.code() }
+    }
+}
 
 /// What a run came to.
 #[derive(Clone, Debug, Default)]
 pub struct RunOutcome {
     /// Why it gave no figures, if it did not.
-    pub failure: Option<String>,
+    pub failure: Option<RunFailure>,
     /// Points of the input.
     pub points: usize,
     /// Steps made.
@@ -58,6 +73,7 @@ struct Line<'a> {
     seed: u64,
     status: Status,
     message: Option<&'a str>,
+    exit_code: Option<u8>,
     seconds: f64,
     threads: usize,
     jobs: usize,
@@ -106,7 +122,8 @@ pub fn line(job: &Job<'_>, outcome: &RunOutcome, machine: &Machine, measure: Mea
         setting: &job.setting.name,
         seed: job.seed,
         status: if outcome.failure.is_none() { Status::Ok } else { Status::Failed },
-        message: outcome.failure.as_deref(),
+        message: outcome.failure.as_ref().map(|failure| failure.text.as_str()),
+        exit_code: outcome.failure.as_ref().map(|failure| failure.exit_code),
         seconds: outcome.seconds,
         threads: machine.threads,
         jobs: machine.jobs,
@@ -175,7 +192,7 @@ pub struct Cover {
 pub struct Record {
     pub fingerprint: String,
     /// Why it failed, if it did.
-    pub failure: Option<String>,
+    pub failure: Option<RunFailure>,
     pub seconds: f64,
     pub threads: usize,
     pub build: Option<String>,
@@ -203,6 +220,8 @@ struct ReadLine {
     _seed: u64,
     status: Status,
     message: Option<String>,
+    /// Lines of earlier builds have none.
+    exit_code: Option<u8>,
     seconds: f64,
     threads: usize,
     build: Option<String>,
@@ -267,7 +286,10 @@ impl Record {
         let line: ReadLine = serde_json::from_str(line).map_err(|fault| fault.to_string())?;
         let failure = match line.status {
             Status::Ok => None,
-            Status::Failed => Some(line.message.ok_or("a failed run has no message")?),
+            Status::Failed => Some(RunFailure {
+                text: line.message.ok_or("a failed run has no message")?,
+                exit_code: line.exit_code.unwrap_or(1),
+            }),
         };
         let (own, truth) = (line.coverage.unwrap_or_default(), line.truth_coverage.unwrap_or_default());
         Ok(Record {
@@ -408,10 +430,11 @@ pub mod tests {
         let without = Record { surface: None, cover: Cover::default(), ..want.clone() };
         assert_eq!(Record::read(&old.to_string()).unwrap(), without);
 
-        let failed = RunOutcome { failure: Some("no\nsurface".into()), ..RunOutcome::default() };
+        let failure = RunFailure { text: "no\nsurface".into(), exit_code: 3 };
+        let failed = RunOutcome { failure: Some(failure), ..RunOutcome::default() };
         let read = Record::read(&line(&job, &failed, &machine, MEASURE)).unwrap();
         let want = Record {
-            failure: failed.failure,
+            failure: failed.failure.clone(),
             seconds: 0.0,
             mesh: None,
             surface: None,
@@ -422,6 +445,9 @@ pub mod tests {
             ..want
         };
         assert_eq!(read, want);
+        let mut old: Value = serde_json::from_str(&line(&job, &failed, &machine, MEASURE)).unwrap();
+        old.as_object_mut().unwrap().remove("exit_code").unwrap();
+        assert_eq!(Record::read(&old.to_string()).unwrap().failure.unwrap().exit_code, 1);
     }
 
     #[test]

@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use bijective_sdf::evaluate::percentile;
 
+use super::super::failure::Failure;
 use super::plan::{Job, Plan};
 use super::record::{Cover, Figures, Record};
 use super::setting::Setting;
@@ -29,6 +30,23 @@ impl<'a> Results<'a> {
     /// The runs of a setting that there are records of.
     pub fn made(&self, setting: &Setting) -> Vec<(&'a Job<'a>, &'a Record)> {
         self.plan.of(setting).filter_map(|job| Some((job, self.record(job)?))).collect()
+    }
+
+    /// That runs failed, if some did; it has the exit code of the last one in the order of the plan.
+    pub fn failure(&self) -> Option<Failure> {
+        let failed = |job: &'a Job<'a>| Some((job, self.record(job)?.failure.as_ref()?));
+        let failed: Vec<_> = self.plan.jobs.iter().filter_map(failed).collect();
+        let (job, last) = failed.last()?;
+        let text = format!(
+            "{} of {} runs failed, the last of them {} {} seed {}: {}",
+            failed.len(),
+            self.plan.jobs.len(),
+            job.setting.name,
+            job.shape.name,
+            job.seed,
+            last.text
+        );
+        Some(Failure::Runs(text, last.exit_code))
     }
 
     /// All shapes and seeds of a setting together.
@@ -78,7 +96,7 @@ impl Record {
     /// What is wrong, worst first; the last may be a genus, which is no fault that counts.
     pub fn faults(&self) -> Vec<String> {
         let mut faults = Vec::new();
-        faults.extend(self.failure.clone());
+        faults.extend(self.failure.iter().map(|failure| failure.text.clone()));
         faults.extend(self.cd().filter(|&cd| cd > FAILED_CD).map(|cd| format!("10 CD_L1 {cd:.3}")));
         if let Some(result) = self.result {
             for (good, what) in [(result.closed, "not closed"), (result.oriented, "not oriented")] {
@@ -208,7 +226,9 @@ fn mean(values: impl Iterator<Item = f64>) -> Option<f64> {
 
 #[cfg(test)]
 pub mod tests {
-    use super::super::record::Form;
+    use super::super::inputs::ShapeFiles;
+    use super::super::plan::tests::setting;
+    use super::super::record::{Form, RunFailure};
     use super::*;
 
     pub const WHOLE: Form = Form { components: 1, genus: Some(0), closed: true, oriented: true };
@@ -237,6 +257,27 @@ pub mod tests {
     }
 
     #[test]
+    fn the_last_failure_of_the_plan_decides_the_exit_code() {
+        let shape = ShapeFiles { name: "a".into(), cloud: "a.xyz".into(), truth: None };
+        let setting = setting("default");
+        let job = |seed: u64| Job { shape: &shape, setting: &setting, seed, fingerprint: seed.to_string() };
+        let plan = Plan { shapes: &[], settings: &[], jobs: (0..4).map(job).collect(), notes: Vec::new() };
+        // The last run is not made yet, and what the plan does not ask for does not count.
+        let mut records: HashMap<String, Record> =
+            ["0", "1", "2", "7"].map(|print| (print.into(), record(0.01, WHOLE, WHOLE))).into();
+        let mut fail = |print: &str, exit_code| {
+            records.get_mut(print).unwrap().failure =
+                Some(RunFailure { text: "no surface".into(), exit_code });
+            Results { plan: &plan, records: &records }.failure().map(|f| (f.code(), f.text()))
+        };
+        assert_eq!(fail("7", 2), None);
+        assert_eq!(fail("1", 3).unwrap().0, 3);
+        assert_eq!(fail("0", 1).unwrap().0, 3);
+        let text = "3 of 4 runs failed, the last of them default a seed 2: no surface";
+        assert_eq!(fail("2", 1), Some((1, text.to_string())));
+    }
+
+    #[test]
     fn faults_are_named_and_counted() {
         let good = record(0.01, WHOLE, WHOLE);
         assert!(good.faults().is_empty() && !good.is_bad() && !good.is_failure());
@@ -250,7 +291,8 @@ pub mod tests {
         assert_eq!(open.faults(), ["10 CD_L1 0.310", "not closed", "not oriented"]);
         assert!(open.is_bad() && open.is_failure());
         let mut failed = record(0.01, WHOLE, WHOLE);
-        (failed.failure, failed.figures, failed.result) = (Some("no surface".into()), None, None);
+        let failure = RunFailure { text: "no surface".into(), exit_code: 1 };
+        (failed.failure, failed.figures, failed.result) = (Some(failure), None, None);
         failed.seconds = 5.0;
         assert_eq!(failed.faults(), ["no surface"]);
         assert!(failed.is_bad() && failed.is_failure());

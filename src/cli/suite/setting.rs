@@ -73,6 +73,12 @@ impl Wanted<'_> {
     /// The settings in order, validated: those named, else those of the file, then the ablations; if nothing is wanted,
     /// the base alone.
     pub fn build(&self) -> Result<Vec<Setting>, Failure> {
+        let seed = |pair: &&String| pair.split_once('=').is_some_and(|(key, _)| key.trim() == "seed");
+        if let Some(pair) = self.set.iter().find(seed) {
+            // The seeds of the runs would take its place.
+            let value = pair.split_once('=').map_or("", |(_, value)| value.trim());
+            return Err(Failure::Usage(format!("--set {pair}: give it as --seeds {value}, with the comma")));
+        }
         let written = match self.file {
             Some(path) => read(path)?,
             None => Vec::new(),

@@ -170,8 +170,8 @@ fn label(entry: &Entry<'_>) -> [String; 2] {
         }
         None => entry.job.shape.name.clone(),
     };
-    if let Some(text) = &record.failure {
-        return [first, text.clone()];
+    if let Some(failure) = &record.failure {
+        return [first, failure.text.clone()];
     }
     let mut parts = Vec::new();
     if let Some(figures) = record.figures {
@@ -231,7 +231,7 @@ fn panels(
 mod tests {
     use super::super::inputs::ShapeFiles;
     use super::super::plan::tests::setting;
-    use super::super::record::Form;
+    use super::super::record::{Form, RunFailure};
     use super::super::results::tests::{WHOLE, record};
     use super::*;
 
@@ -267,7 +267,7 @@ mod tests {
         let mut lone = record(0.0, WHOLE, WHOLE);
         (lone.figures, lone.truth) = (None, None);
         assert_eq!(of(&lone), ["a_300", "parts 1 genus 0"]);
-        lone.failure = Some("no surface".into());
+        lone.failure = Some(RunFailure { text: "no surface".into(), exit_code: 1 });
         assert_eq!(of(&lone), ["a_300", "no surface"]);
         assert_eq!(shortened("abcdefgh", 6 * DOT * 5), "abc..");
         assert_eq!(shortened("abcde", 6 * DOT * 5), "abcde");

@@ -25,7 +25,7 @@ use super::super::progress::duration;
 use super::super::sample::{Noise, add_noise};
 use super::fingerprint;
 use super::plan::{Job, Measure};
-use super::record::{Machine, Record, RunOutcome, line};
+use super::record::{Machine, Record, RunFailure, RunOutcome, line};
 use super::store::RunFile;
 
 /// Added to a run's seed where the truth is sampled for its input: the comparison samples it with small seeds, and its
@@ -127,7 +127,7 @@ pub struct Runner<'a> {
 }
 
 /// A truth that several runs share, with its floor.
-type Shared = OnceLock<Result<(Truth, Option<Metrics>), String>>;
+type Shared = OnceLock<Result<(Truth, Option<Metrics>), RunFailure>>;
 
 impl Runner<'_> {
     /// Makes the runs and stores each as soon as it is done. Ends early with an error if a run cannot be stored, and
@@ -189,8 +189,11 @@ impl Runner<'_> {
             Ok(Ok(())) => {}
             Ok(Err(Stop::Asked)) => return Ok(None),
             Ok(Err(Stop::Fatal(failure))) => return Err(failure),
-            Ok(Err(Stop::Failed(text))) => outcome.failure = Some(text),
-            Err(panic) => outcome.failure = Some(format!("panic: {}", message(&*panic))),
+            Ok(Err(Stop::Failed(failure))) => outcome.failure = Some(failure),
+            Err(panic) => {
+                let text = format!("panic: {}", message(&*panic));
+                outcome.failure = Some(RunFailure { text, exit_code: 1 });
+            }
         }
         Ok(Some(outcome))
     }
@@ -205,8 +208,8 @@ impl Runner<'_> {
                     let floor = truth.floor(&options)?;
                     Ok((truth, floor))
                 };
-                let read = shared.get_or_init(|| read().map_err(|failure| failure.text()));
-                Some(read.as_ref().map_err(|text| Stop::Failed(text.clone()))?)
+                let read = shared.get_or_init(|| read().map_err(RunFailure::from));
+                Some(read.as_ref().map_err(|failure| Stop::Failed(failure.clone()))?)
             }
             _ => None,
         };
@@ -278,20 +281,20 @@ enum Stop {
     /// The user wants an end.
     Asked,
     /// It failed, as another might not.
-    Failed(String),
+    Failed(RunFailure),
     /// No other run could be kept either.
     Fatal(Failure),
 }
 
 impl From<Error> for Stop {
     fn from(e: Error) -> Self {
-        Stop::Failed(Failure::Library(e).text())
+        Stop::Failed(Failure::Library(e).into())
     }
 }
 
 impl From<Failure> for Stop {
     fn from(failure: Failure) -> Self {
-        Stop::Failed(failure.text())
+        Stop::Failed(failure.into())
     }
 }
 
@@ -334,7 +337,7 @@ impl Finished {
     fn progress(&self, job: &Job<'_>, outcome: &RunOutcome, all: usize) -> String {
         let done = self.made.len();
         let result = match (&outcome.failure, &outcome.report, &outcome.topology) {
-            (Some(text), ..) => format!("failed: {text}"),
+            (Some(failure), ..) => format!("failed: {}", failure.text),
             (_, Some(report), _) => format!("10 CD_L1 {:.4}", 10.0 * report.metrics.cd_l1()),
             (.., topology) => {
                 topology.as_ref().map_or(String::new(), |t| format!("{} components", t.components))
