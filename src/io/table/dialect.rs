@@ -87,7 +87,7 @@ impl Dialect {
 fn is_missing(field: &[u8]) -> bool {
     let is = |w: &&[u8]| field.eq_ignore_ascii_case(w);
     field.is_empty()
-        || [&b"na"[..], b"n/a", b"null", b"none", b"-", b"--", b"<na>"].iter().any(|w| is(&w))
+        || [&b"na"[..], b"n/a", b"null", b"none", b"-", b"--", b"<na>"].iter().any(is)
         || is_error_of_a_spreadsheet(field)
 }
 
