@@ -108,6 +108,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     }
     if want != Want::Mesh {
         loaded.ignore_faces(faces);
+        warn_of_rest(&mut loaded, vertices, faces, lines.count() as u64);
         return Ok(loaded);
     }
     let mut polygon = Vec::new();
@@ -116,7 +117,14 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         let at = |e: Error| e.at_line(number).at_element(format!("face {i}"));
         corners(line, &mut polygon).and_then(|()| push_fan(&mut loaded.faces, &polygon)).map_err(at)?;
     }
+    warn_of_rest(&mut loaded, vertices, faces, faces + lines.count() as u64);
     Ok(loaded)
+}
+
+/// Warns if more lines stand behind the vertices than there are faces.
+fn warn_of_rest(loaded: &mut Loaded, vertices: u64, faces: u64, behind: u64) {
+    let what = format!("lines ({vertices} vertices and {faces} faces)");
+    loaded.warn_of_rest(&what, vertices.saturating_add(faces), vertices.saturating_add(behind));
 }
 
 /// Writes a mesh.
@@ -307,6 +315,29 @@ mod tests {
                 assert!(!looks_like_off(text.as_bytes()), "{text}");
             }
         }
+    }
+
+    #[test]
+    fn counts_that_are_too_small_are_warned_of() {
+        let rows = "0 0 .5\n1 0 .5\n1 1 .5\n0 1 .5\n";
+        let warnings = |text: &str, want| {
+            let loaded = read(text.as_bytes(), want).unwrap();
+            assert!(loaded.verts.len() < 5);
+            loaded.warnings
+        };
+        let points = warnings(&format!("OFF\n3 0 0\n{rows}\n# end\n"), Want::Cloud);
+        let expected =
+            "the header promises 3 lines (3 vertices and 0 faces), 4 are there; the last 1 were not read";
+        assert_eq!(points, [expected]);
+        for want in [Want::Cloud, Want::Mesh] {
+            let expected =
+                "the header promises 5 lines (4 vertices and 1 faces), 7 are there; the last 2 were not read";
+            let face = "3 0 1 2\n";
+            assert_eq!(warnings(&format!("OFF\n4 1 0\n{rows}{face}{face}{face}"), want), [expected]);
+            assert!(warnings(&format!("OFF\n4 1 0\n{rows}{face}\n# end\n"), want).is_empty());
+        }
+        // Faces that are not there are missed by nobody who wants points.
+        assert!(warnings(&format!("OFF\n4 9 0\n{rows}"), Want::Cloud).is_empty());
     }
 
     #[test]

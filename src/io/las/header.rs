@@ -28,6 +28,8 @@ pub(super) struct Header {
     pub record: usize,
     pub count: u64,
     pub start: usize,
+    /// Bytes of the header.
+    size: usize,
     pub scale: [f64; 3],
     pub offset: [f64; 3],
     /// The least and the greatest coordinates, as the header has them.
@@ -76,7 +78,7 @@ impl Header {
                 "points begin at byte {start} by the header, inside the header itself, which has {size} bytes"
             )));
         }
-        let start = start as usize;
+        let (start, size) = (start as usize, size as usize);
         if start > bytes.len() {
             return Err(wrong(format!(
                 "truncated: points begin at byte {start}, and the file has {}",
@@ -84,7 +86,15 @@ impl Header {
             )));
         }
         let (format, record) = (format as usize, record as usize);
-        Ok(Header { packed, format, record, count, start, scale, offset, bounds })
+        Ok(Header { packed, format, record, count, start, size, scale, offset, bounds })
+    }
+
+    /// Where points end at the latest: at the wave packets (since version 1.3) or the further records (since 1.4) that
+    /// may follow them, or at the end of the file.
+    pub fn records_end(&self, bytes: &[u8]) -> usize {
+        let others = [227, 235].into_iter().filter(|at| at + 8 <= self.size);
+        let places = others.filter_map(|at| usize::try_from(unsigned(bytes, at, 8)?).ok());
+        places.filter(|&place| place >= self.start).fold(bytes.len(), usize::min)
     }
 
     /// The warning about points outside the box of the header, by more than steps or 32-bit floats round. A box that

@@ -39,6 +39,8 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         for row in body.chunks_exact(header.record).take(header.count as usize) {
             header.push(row, want, &mut loaded)?;
         }
+        let found = header.records_end(bytes).saturating_sub(header.start) / header.record;
+        loaded.warn_of_rest("points", header.count, found as u64);
     }
     short_colours(&mut loaded.attributes);
     loaded.warnings.extend(header.outside(&loaded.verts));
@@ -154,6 +156,35 @@ pub(super) mod tests {
                 ];
                 assert_eq!(found, expected[..if colour.is_some() { 5 } else { 2 }], "format {format}");
             }
+        }
+    }
+
+    #[test]
+    fn a_count_that_is_too_small_is_warned_of() {
+        let expected = "the header promises 2 points, 3 are there; the last 1 were not read";
+        for minor in [0, 2, 3, 4] {
+            let warnings = |count, tail: usize| {
+                let bytes = [header(minor, 0, &[], count), records(), vec![7; tail]].concat();
+                let loaded = read(&bytes, Want::Cloud).unwrap();
+                assert_eq!(loaded.verts, POINTS[..count as usize]);
+                loaded.warnings
+            };
+            assert_eq!(warnings(2, 0), [expected], "1.{minor}");
+            assert_eq!(warnings(2, 19), [expected], "1.{minor}");
+            assert!(warnings(3, 0).is_empty() && warnings(3, 19).is_empty(), "1.{minor}");
+        }
+        // What else may follow the points since version 1.3 and 1.4.
+        for (minor, field) in [(3, 227), (4, 227), (4, 235)] {
+            let extras = if minor == 3 { vec![0; 8] } else { Vec::new() };
+            let mut bytes = [header(minor, 0, &extras, 3), records()].concat();
+            let end = bytes.len() as u64;
+            bytes[100..104].fill(0);
+            if minor == 3 {
+                bytes[94..96].copy_from_slice(&235_u16.to_le_bytes());
+            }
+            bytes[field..field + 8].copy_from_slice(&end.to_le_bytes());
+            bytes.extend([7; 100]);
+            assert!(read(&bytes, Want::Cloud).unwrap().warnings.is_empty(), "1.{minor} {field}");
         }
     }
 
