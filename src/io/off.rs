@@ -48,7 +48,7 @@ fn is_nameless(bytes: &[u8]) -> bool {
     let Some((vertices, faces)) = lines.next().and_then(counts).filter(|(_, faces)| *faces > 0) else {
         return false;
     };
-    if (0..vertices).any(|_| !lines.next().is_some_and(|line| three_floats(words(line)).is_ok())) {
+    if (0..vertices).any(|_| lines.next().is_none_or(|line| three_floats(words(line)).is_err())) {
         return false;
     }
     let (mut polygon, mut most) = (Vec::new(), 0);
