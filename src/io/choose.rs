@@ -61,6 +61,8 @@ fn of_content_and_name(bytes: &[u8], hint: Option<Format>) -> Option<Format> {
     match (of_content(bytes), hint) {
         // Columns of numbers are read alike under both names.
         (Some(Format::Xyz | Format::Csv), Some(hint @ (Format::Xyz | Format::Csv))) => Some(hint),
+        // The name OFF may be missing in the file; the counts that are first then may be those of vertices alone.
+        (Some(Format::Xyz), Some(Format::Off)) if off::begins_with_counts(bytes) => Some(Format::Off),
         // Rows of floats may happen to be text, or to have the size that a binary STL names.
         (Some(Format::Stl), Some(Format::Raw)) if !bytes.starts_with(b"solid") => Some(Format::Raw),
         (found, hint) => found.or(hint),

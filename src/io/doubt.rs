@@ -184,6 +184,13 @@ impl Evidence {
 }
 
 impl Doubt {
+    /// About a matrix of so many columns without names.
+    pub fn of_width(columns: usize) -> Doubt {
+        let what =
+            format!("the matrix has {columns} columns without names, as images and grids of heights do");
+        Doubt { what, from: Some(0) }
+    }
+
     /// The error for this doubt, with the options that settle it.
     pub fn error(&self) -> Error {
         let advice = match self.from {

@@ -45,6 +45,16 @@ pub(super) struct Loaded {
 }
 
 impl Loaded {
+    /// Warns if the file holds more than its header promises, of which only so much was read.
+    pub fn warn_of_rest(&mut self, what: &str, promised: u64, found: u64) {
+        if found > promised {
+            let rest = found - promised;
+            self.warnings.push(format!(
+                "the header promises {promised} {what}, {found} are there; the last {rest} were not read"
+            ));
+        }
+    }
+
     /// Says that faces are not read.
     pub fn ignore_faces(&mut self, faces: u64) {
         if faces > 0 {

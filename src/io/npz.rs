@@ -24,6 +24,39 @@ const NAMES: [&str; 16] = [
     "arr_0",
 ];
 
+/// Those of the names that do not say what is in the array.
+const GENERAL: [&str; 2] = ["data", "arr_0"];
+
+/// Names of arrays of three columns that hold no points.
+const OTHERS: [&str; 13] = [
+    "normals",
+    "normal",
+    "rgb",
+    "color",
+    "colors",
+    "colour",
+    "colours",
+    "faces",
+    "face",
+    "triangles",
+    "tris",
+    "cells",
+    "indices",
+];
+
+/// Whether an array beside the chosen one may hold the points as well: n x 3 numbers under a name that does not say
+/// what they are. Whole numbers beside floats are triangles or colours.
+fn has_rival(name: &str, chosen: &[u8], arrays: &[(&str, &zip::Entry<'_>)]) -> bool {
+    let Some(floats) = npy::floats_of_points(chosen) else { return false };
+    let silent = |other: &str| other != name && !OTHERS.iter().any(|n| other.eq_ignore_ascii_case(n));
+    // An array that cannot be unpacked is nobody's rival.
+    let alike = |entry: &zip::Entry<'_>| {
+        let own = entry.bytes().ok().and_then(|bytes| npy::floats_of_points(&bytes));
+        own.is_some_and(|own| own || !floats)
+    };
+    arrays.iter().any(|(other, entry)| silent(other) && alike(entry))
+}
+
 /// Reads n x 3 points and, if there is an array of them, their normals.
 pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Loaded, Error> {
     let entries = zip::entries(bytes)?;
@@ -33,20 +66,28 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         return Err(zip::what(&entries));
     }
     let known = |name: &str| arrays.iter().find(|(n, _)| n.eq_ignore_ascii_case(name));
-    let chosen = match arrays[..] {
-        [one] => one,
-        _ => *NAMES.iter().find_map(|n| known(n)).ok_or_else(|| {
-            let names: Vec<&str> = arrays.iter().take(8).map(|(n, _)| *n).collect();
-            Error::new(
-                ErrorKind::Format,
-                format!("it is not certain which array holds the points: {}", names.join(", ")),
-            )
-            .advise("save the one of the points alone, with numpy.save(path, points)")
-        })?,
+    let uncertain = |advice: &str| {
+        let names: Vec<&str> = arrays.iter().take(8).map(|(n, _)| *n).collect();
+        Error::new(
+            ErrorKind::Format,
+            format!("it is not certain which array holds the points: {}", names.join(", ")),
+        )
+        .advise(advice)
     };
-    let (name, entry) = chosen;
-    let mut loaded =
-        npy::read(&entry.bytes()?, options, want).map_err(|e| e.at_element(format!("array {name}")))?;
+    let alone = "save the one of the points alone, with numpy.save(path, points)";
+    let (name, entry) = match arrays[..] {
+        [one] => one,
+        _ => *NAMES.iter().find_map(|n| known(n)).ok_or_else(|| uncertain(alone))?,
+    };
+    let array = entry.bytes()?;
+    if GENERAL.iter().any(|n| name.eq_ignore_ascii_case(n))
+        && !options.assume
+        && has_rival(name, &array, &arrays)
+    {
+        return Err(uncertain(&format!("{alone}, or give --assume if they are in {name}")));
+    }
+    let mut loaded = npy::read(&array, options, want).map_err(|e| e.at_element(format!("array {name}")))?;
+    drop(array);
     if arrays.len() > 1 {
         loaded.notices.push(format!("read the array {name} of {}", arrays.len()));
     }
@@ -123,6 +164,46 @@ pub(super) mod tests {
         for (name, what) in [("xl/workbook.xml", "Excel"), ("doc.kml", "KMZ"), ("a.txt", "a zip archive")] {
             let e = plain(&archive(&[(name, vec![1])])).map(|l| l.verts).unwrap_err().to_string();
             assert!(e.contains(what), "{e}");
+        }
+    }
+
+    #[test]
+    fn arrays_without_telling_names_are_not_chosen_from() {
+        let points = npy::tests::write(&[[1.0, 2.0, 3.0], [4.0, 5.0, 6.5]]);
+        let whole = npy::tests::file(
+            1,
+            "{'descr': '<i2', 'fortran_order': False, 'shape': (1, 3), }",
+            &[0, 0, 1, 0, 1, 0],
+        );
+        let flat = npy::tests::file(1, "{'descr': '|u1', 'fortran_order': False, 'shape': (2,), }", &[0, 9]);
+        let of = |first: (&str, &Vec<u8>), second: (&str, &Vec<u8>), options: &ReadOptions| {
+            let files = [first, second].map(|(name, bytes)| (format!("{name}.npy"), bytes.clone()));
+            let files = files.each_ref().map(|(name, bytes)| (name.as_str(), bytes.clone()));
+            read(&archive(&files), options, Want::Cloud).map(|l| l.verts.len())
+        };
+        let default = ReadOptions::default();
+        let assume = ReadOptions { assume: true, ..Default::default() };
+        for (first, second) in [
+            (("arr_0", &points), ("arr_1", &points)),
+            (("arr_1", &points), ("arr_0", &points)),
+            (("data", &points), ("target", &points)),
+            (("arr_0", &whole), ("arr_1", &points)),
+            (("arr_0", &whole), ("arr_1", &whole)),
+        ] {
+            let e = of(first, second, &default).unwrap_err().to_string();
+            assert!(e.contains(&format!("which array holds the points: {}, {}", first.0, second.0)), "{e}");
+            assert!(e.contains("--assume"), "{e}");
+            assert!(of(first, second, &assume).is_ok());
+        }
+        for (first, second) in [
+            (("arr_0", &points), ("normals", &points)),
+            (("arr_0", &points), ("Colors", &points)),
+            (("arr_0", &points), ("arr_1", &whole)),
+            (("arr_0", &points), ("arr_1", &flat)),
+            (("points", &points), ("arr_0", &points)),
+            (("vertices", &points), ("other", &points)),
+        ] {
+            assert_eq!(of(first, second, &default).unwrap(), 2, "{first:?} {second:?}");
         }
     }
 

@@ -1,9 +1,9 @@
 //! OFF, the object file format of Geomview, with its kin COFF, NOFF, STOFF and 4OFF.
 //!
-//! A line with the name, a line with the numbers of vertices, faces and edges, a line for each vertex, a line for each
-//! face. The letters in front of the name say what stands behind a position: `N` a normal, `C` a colour, `ST` a place
-//! in a texture; `4` gives positions a fourth number that divides the others. Files often have colours without saying
-//! so.
+//! A line with the name, which may be missing, a line with the numbers of vertices, faces and edges, a line for each
+//! vertex, a line for each face. The letters in front of the name say what stands behind a position: `N` a normal, `C`
+//! a colour, `ST` a place in a texture; `4` gives positions a fourth number that divides the others. Files often have
+//! colours without saying so.
 
 use std::io::{self, Write};
 
@@ -24,24 +24,57 @@ struct Kind {
     fourth: bool,
 }
 
-/// Whether the text begins with a name of this family.
+/// Whether the text begins with a name of this family, or is such a file without a name from the first line to the
+/// last.
 pub(super) fn looks_like_off(bytes: &[u8]) -> bool {
-    let mut lines = Lines::new(&bytes[..bytes.len().min(4096)]).map(|(_, l)| without_comment(l));
-    lines.find(|l| !l.is_empty()).and_then(name).is_some()
+    first_line(bytes).and_then(name).is_some() || is_nameless(bytes)
+}
+
+/// Whether the text begins with counts of vertices and faces instead of a name. A list of points may do so, too.
+pub(super) fn begins_with_counts(bytes: &[u8]) -> bool {
+    first_line(bytes).and_then(counts).is_some()
+}
+
+/// The first line with anything but a comment.
+fn first_line(bytes: &[u8]) -> Option<&[u8]> {
+    lines(&bytes[..bytes.len().min(4096)]).next().map(|(_, line)| line)
+}
+
+/// Whether there are exactly as many vertices and faces as the first line says, and every face names vertices that are
+/// there. A list of points of three columns never passes: some face must have the three corners that take four.
+fn is_nameless(bytes: &[u8]) -> bool {
+    let bytes = bytes.strip_prefix(b"\xef\xbb\xbf").unwrap_or(bytes);
+    let mut lines = lines(bytes).map(|(_, line)| line);
+    let Some((vertices, faces)) = lines.next().and_then(counts).filter(|(_, faces)| *faces > 0) else {
+        return false;
+    };
+    if (0..vertices).any(|_| lines.next().is_none_or(|line| three_floats(words(line)).is_err())) {
+        return false;
+    }
+    let (mut polygon, mut most) = (Vec::new(), 0);
+    for _ in 0..faces {
+        let known = |i: &i64| (0..vertices as i64).contains(i);
+        match lines.next().map(|line| corners(line, &mut polygon)) {
+            Some(Ok(())) if !polygon.is_empty() && polygon.iter().all(known) => {
+                most = polygon.len().max(most)
+            }
+            _ => return false,
+        }
+    }
+    most >= 3 && lines.next().is_none()
 }
 
 /// Reads v x 3 positions and, if wanted, polygons cut into f x 3 triangles.
 pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
-    let mut lines = Lines::new(without_byte_order_mark(bytes)?)
-        .map(|(number, line)| (number, without_comment(line)))
-        .filter(|(_, line)| !line.is_empty());
+    let mut lines = lines(without_byte_order_mark(bytes)?);
     let wrong = |what: String, line: u64| {
         Error::new(ErrorKind::Format, what)
             .at_line(line)
             .advise("an OFF file begins with OFF and the numbers of vertices, faces and edges")
     };
     let Some((first, line)) = lines.next() else { return Err(wrong("the file is empty".into(), 1)) };
-    let Some((kind, rest)) = name(line) else {
+    let nameless = || counts(line).map(|_| (Kind { normal: false, fourth: false }, line));
+    let Some((kind, rest)) = name(line).or_else(nameless) else {
         return Err(wrong(format!("{} is not the name of an OFF file", show(line)), first));
     };
     if rest.eq_ignore_ascii_case(b"BINARY") {
@@ -54,11 +87,8 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     } else {
         (first, rest)
     };
-    let counts: Option<Vec<u64>> =
-        words(line).map(|w| integer(w).and_then(|n| u64::try_from(n).ok())).collect();
-    let (vertices, faces) = match counts.as_deref() {
-        Some([vertices, faces] | [vertices, faces, _]) => (*vertices, *faces),
-        _ => return Err(wrong(format!("{} are not the counts of vertices and faces", show(line)), number)),
+    let Some((vertices, faces)) = counts(line) else {
+        return Err(wrong(format!("{} are not the counts of vertices and faces", show(line)), number));
     };
     // Three numbers with white space behind each take 6 bytes.
     if vertices > bytes.len() as u64 / 6 + 1 {
@@ -78,6 +108,7 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
     }
     if want != Want::Mesh {
         loaded.ignore_faces(faces);
+        warn_of_rest(&mut loaded, vertices, faces, lines.count() as u64);
         return Ok(loaded);
     }
     let mut polygon = Vec::new();
@@ -86,7 +117,14 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         let at = |e: Error| e.at_line(number).at_element(format!("face {i}"));
         corners(line, &mut polygon).and_then(|()| push_fan(&mut loaded.faces, &polygon)).map_err(at)?;
     }
+    warn_of_rest(&mut loaded, vertices, faces, faces + lines.count() as u64);
     Ok(loaded)
+}
+
+/// Warns if more lines stand behind the vertices than there are faces.
+fn warn_of_rest(loaded: &mut Loaded, vertices: u64, faces: u64, behind: u64) {
+    let what = format!("lines ({vertices} vertices and {faces} faces)");
+    loaded.warn_of_rest(&what, vertices.saturating_add(faces), vertices.saturating_add(behind));
 }
 
 /// Writes a mesh.
@@ -100,6 +138,24 @@ pub(super) fn write(out: &mut dyn Write, mesh: &TriangleMesh<[f64; 3]>, width: W
         writeln!(out, "3 {a} {b} {c}")?;
     }
     Ok(())
+}
+
+/// The lines that hold anything but a comment, with their numbers.
+fn lines(bytes: &[u8]) -> impl Iterator<Item = (u64, &[u8])> {
+    Lines::new(bytes)
+        .map(|(number, line)| (number, without_comment(line)))
+        .filter(|(_, line)| !line.is_empty())
+}
+
+/// The numbers of vertices and faces on a line, behind which that of edges may stand.
+fn counts(line: &[u8]) -> Option<(u64, u64)> {
+    let number = |word: &[u8]| u64::try_from(integer(word)?).ok();
+    // A fourth word makes it something else.
+    let all: Option<Vec<u64>> = words(line).take(4).map(number).collect();
+    match all?[..] {
+        [vertices, faces] | [vertices, faces, _] => Some((vertices, faces)),
+        _ => None,
+    }
 }
 
 fn without_comment(line: &[u8]) -> &[u8] {
@@ -177,6 +233,7 @@ fn cut(what: &str, promised: u64, found: u64) -> Error {
 
 #[cfg(test)]
 mod tests {
+    use super::super::{Format, ReadOptions, read_cloud_bytes, read_cloud_with, read_mesh_bytes};
     use super::*;
 
     const SQUARE: [[f64; 3]; 4] = [[0.0, 0.0, 0.5], [1.0, 0.0, 0.5], [1.0, 1.0, 0.5], [0.0, 1.0, 0.5]];
@@ -207,6 +264,80 @@ mod tests {
         for other in ["OFFSET 1 2 3\n", "x OFF\n", "BOFF\n", "off the wall\n", "1 2 3\n"] {
             assert!(!looks_like_off(other.as_bytes()), "{other}");
         }
+    }
+
+    #[test]
+    fn the_name_may_be_missing() {
+        let rows = "0 0 .5\n1 0 .5\n1 1 .5\n0 1 .5\n";
+        for (head, faces) in [("4 1 0", "4 0 1 2 3\n"), ("\n# by hand\n4 1", "4 0 1 2 3 255 0 0 # red\n\n")] {
+            let text = format!("{head}\n{rows}{faces}");
+            for bytes in [text.clone().into_bytes(), [b"\xef\xbb\xbf", text.as_bytes()].concat()] {
+                let mesh = read_mesh_bytes(&bytes, None).unwrap_or_else(|e| panic!("{text}: {e}"));
+                assert_eq!((mesh.verts, mesh.faces), (SQUARE.to_vec(), vec![[0, 1, 2], [0, 2, 3]]), "{text}");
+                let cloud = read_cloud_bytes(&bytes, None).unwrap();
+                assert_eq!((cloud.points, cloud.faces), (SQUARE.to_vec(), 1), "{text}");
+            }
+        }
+        // By the content alone these are points; the name of the file makes three of them OFF.
+        let named = |text: &str| Format::of(text.as_bytes(), Some(Format::Off)).unwrap();
+        for (text, format) in [
+            (format!("4 0 0\n{rows}"), Format::Off),
+            (format!("4 2 0\n{rows}4 0 1 2 3\n"), Format::Off),
+            (format!("4 1 0\n{rows}3 0 1 4\n"), Format::Off),
+            (format!("4 1 0 9\n{rows}4 0 1 2 3\n"), Format::Xyz),
+            (format!("4 1 0.5\n{rows}4 0 1 2 3\n"), Format::Xyz),
+            (rows.to_string(), Format::Xyz),
+        ] {
+            assert_eq!(Format::of(text.as_bytes(), None).unwrap(), Format::Xyz, "{text}");
+            assert_eq!(named(&text), format, "{text}");
+        }
+        let options = ReadOptions { hint: Some(Format::Off), ..Default::default() };
+        let cloud = read_cloud_with(format!("4 0 0\n{rows}").as_bytes(), &options).unwrap();
+        assert_eq!(cloud.points, SQUARE);
+        assert!(
+            read_cloud_bytes(b"4 1 0.5\n", Some(Format::Off))
+                .unwrap_err()
+                .to_string()
+                .contains("not the name")
+        );
+    }
+
+    /// Every list of up to four points with whole numbers from 0 to 2 in three columns that could have counts in front.
+    #[test]
+    fn lists_of_whole_numbers_stay_points() {
+        for code in 0..3_u32.pow(6) {
+            let digit = |i: u32| code / 3_u32.pow(i) % 3;
+            let rows: Vec<String> = (0..2)
+                .map(|r| format!("{} {} {}\n", digit(3 * r), digit(3 * r + 1), digit(3 * r + 2)))
+                .collect();
+            for head in ["1 1 0\n", "1 1 1\n", "2 1 0\n1 1 1\n", "1 2 3\n0 0 0\n"] {
+                let text = format!("{head}{}", rows.concat());
+                assert!(!looks_like_off(text.as_bytes()), "{text}");
+            }
+        }
+    }
+
+    #[test]
+    fn counts_that_are_too_small_are_warned_of() {
+        let rows = "0 0 .5\n1 0 .5\n1 1 .5\n0 1 .5\n";
+        let warnings = |text: &str, want| {
+            let loaded = read(text.as_bytes(), want).unwrap();
+            assert!(loaded.verts.len() < 5);
+            loaded.warnings
+        };
+        let points = warnings(&format!("OFF\n3 0 0\n{rows}\n# end\n"), Want::Cloud);
+        let expected =
+            "the header promises 3 lines (3 vertices and 0 faces), 4 are there; the last 1 were not read";
+        assert_eq!(points, [expected]);
+        for want in [Want::Cloud, Want::Mesh] {
+            let expected =
+                "the header promises 5 lines (4 vertices and 1 faces), 7 are there; the last 2 were not read";
+            let face = "3 0 1 2\n";
+            assert_eq!(warnings(&format!("OFF\n4 1 0\n{rows}{face}{face}{face}"), want), [expected]);
+            assert!(warnings(&format!("OFF\n4 1 0\n{rows}{face}\n# end\n"), want).is_empty());
+        }
+        // Faces that are not there are missed by nobody who wants points.
+        assert!(warnings(&format!("OFF\n4 9 0\n{rows}"), Want::Cloud).is_empty());
     }
 
     #[test]

@@ -118,7 +118,15 @@ fn read_binary(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         .advise("fetch the file again; a text STL begins with the word solid"));
     }
     let mut corners = Corners::default();
-    let rows = &rows.as_chunks::<ROW>().0[..n as usize];
+    let (all, _) = rows.as_chunks::<ROW>();
+    // Programs that write while they scan may leave the count at 0.
+    let rows = if n == 0 { all } else { &all[..n as usize] };
+    if n == 0 && !all.is_empty() {
+        let warning = format!("the header promises 0 triangles, {} are there; all were read", all.len());
+        corners.loaded.warnings.push(warning);
+    } else {
+        corners.loaded.warn_of_rest("triangles", n, all.len() as u64);
+    }
     for (i, row) in rows.iter().enumerate() {
         let number = |at: usize| NumberType::F32.read(&row[at..], ByteOrder::Little);
         let mut face = [0; 3];
@@ -131,7 +139,7 @@ fn read_binary(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         corners.loaded.faces.push(face);
     }
     let extra = bytes.len() - HEADER - rows.len() * ROW;
-    if extra > 0 {
+    if (1..ROW).contains(&extra) {
         corners.loaded.notices.push(format!("ignored {extra} bytes behind the last triangle"));
     }
     Ok(corners.loaded)
@@ -258,6 +266,30 @@ mod tests {
         let mut bytes = binary();
         bytes.extend([0; 7]);
         assert_eq!(read(&bytes, Want::Mesh).unwrap().notices, ["ignored 7 bytes behind the last triangle"]);
+    }
+
+    #[test]
+    fn a_count_that_is_too_small_is_warned_of() {
+        let counted = |count: u32, tail: usize| {
+            let mut bytes = binary();
+            bytes[80..HEADER].copy_from_slice(&count.to_le_bytes());
+            bytes.resize(bytes.len() + tail, 7);
+            let loaded = read(&bytes, Want::Mesh).unwrap();
+            (loaded.faces.len(), loaded.warnings, loaded.notices)
+        };
+        let none = Vec::new;
+        let few = "the header promises 1 triangles, 4 are there; the last 3 were not read".to_string();
+        assert_eq!(counted(1, 0), (1, vec![few.clone()], none()));
+        assert_eq!(counted(1, 49), (1, vec![few], none()));
+        let zero = "the header promises 0 triangles, 4 are there; all were read".to_string();
+        assert_eq!(counted(0, 0), (4, vec![zero.clone()], none()));
+        let tail = "ignored 49 bytes behind the last triangle".to_string();
+        assert_eq!(counted(0, 49), (4, vec![zero], vec![tail.clone()]));
+        assert_eq!(counted(4, 49), (4, none(), vec![tail]));
+        let mut empty = binary()[..HEADER].to_vec();
+        empty[80..].fill(0);
+        let loaded = read(&empty, Want::Mesh).unwrap();
+        assert!(loaded.faces.is_empty() && loaded.warnings.is_empty());
     }
 
     #[test]

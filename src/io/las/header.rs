@@ -9,6 +9,9 @@ use crate::{Error, ErrorKind};
 /// Least bytes of a record, by its format.
 const MIN_RECORD: [u64; 11] = [20, 28, 26, 34, 57, 63, 30, 36, 38, 59, 67];
 
+/// Bytes of the header of versions up to 1.3, at the least, and of 1.4.
+const SIZES: [u64; 2] = [227, 375];
+
 /// Where the colour begins in a record, by its format.
 const COLOURS: [Option<usize>; 11] =
     [None, None, Some(20), Some(28), None, Some(28), None, Some(30), Some(30), None, Some(30)];
@@ -25,8 +28,12 @@ pub(super) struct Header {
     pub record: usize,
     pub count: u64,
     pub start: usize,
+    /// Bytes of the header.
+    size: usize,
     pub scale: [f64; 3],
     pub offset: [f64; 3],
+    /// The least and the greatest coordinates, as the header has them.
+    bounds: [[f64; 3]; 2],
 }
 
 /// The error for a file that is not as LAS files are.
@@ -62,14 +69,51 @@ impl Header {
         if scale.iter().any(|s| !s.is_finite() || *s == 0.0) || offset.iter().any(|o| !o.is_finite()) {
             return Err(wrong("the scale or the offset of the coordinates is 0 or not finite"));
         }
-        let start = field(96, 4)? as usize;
+        let bounds =
+            [decimal(187)?, decimal(179)?, decimal(203)?, decimal(195)?, decimal(219)?, decimal(211)?];
+        let bounds = [0, 1].map(|end| [0, 1, 2].map(|axis| bounds[2 * axis + end]));
+        let (start, size) = (field(96, 4)?, field(94, 2)?.max(SIZES[usize::from(minor >= 4)]));
+        if start < size {
+            return Err(wrong(format!(
+                "points begin at byte {start} by the header, inside the header itself, which has {size} bytes"
+            )));
+        }
+        let (start, size) = (start as usize, size as usize);
         if start > bytes.len() {
             return Err(wrong(format!(
                 "truncated: points begin at byte {start}, and the file has {}",
                 bytes.len()
             )));
         }
-        Ok(Header { packed, format: format as usize, record: record as usize, count, start, scale, offset })
+        let (format, record) = (format as usize, record as usize);
+        Ok(Header { packed, format, record, count, start, size, scale, offset, bounds })
+    }
+
+    /// Where points end at the latest: at the wave packets (since version 1.3) or the further records (since 1.4) that
+    /// may follow them, or at the end of the file.
+    pub fn records_end(&self, bytes: &[u8]) -> usize {
+        let others = [227, 235].into_iter().filter(|at| at + 8 <= self.size);
+        let places = others.filter_map(|at| usize::try_from(unsigned(bytes, at, 8)?).ok());
+        places.filter(|&place| place >= self.start).fold(bytes.len(), usize::min)
+    }
+
+    /// The warning about points outside the box of the header, by more than steps or 32-bit floats round. A box that
+    /// was not filled in says nothing.
+    pub fn outside(&self, points: &[[f64; 3]]) -> Option<String> {
+        let [low, high] = self.bounds;
+        let ordered = (0..3).all(|a| low[a].is_finite() && high[a].is_finite() && low[a] <= high[a]);
+        if !ordered || (low == [0.0; 3] && high == [0.0; 3]) {
+            return None;
+        }
+        let room = |a: usize| self.scale[a].abs() + 1e-7 * low[a].abs().max(high[a].abs());
+        let out = |p: &&[f64; 3]| (0..3).any(|a| p[a] < low[a] - room(a) || p[a] > high[a] + room(a));
+        let count = points.iter().filter(out).count();
+        (count > 0).then(|| {
+            format!(
+                "{count} of {} points lie outside the box that the header gives; the file may be damaged",
+                points.len()
+            )
+        })
     }
 
     /// Adds the point of a record, whose first three numbers are its place in steps.

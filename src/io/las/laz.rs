@@ -16,7 +16,12 @@ use crate::{Error, ErrorKind};
 /// Unpacks the points.
 pub(super) fn read(bytes: &[u8], header: &Header, want: Want, loaded: &mut Loaded) -> Result<(), Error> {
     let vlr = description(bytes)?;
-    check(bytes, header, vlr)?;
+    if check(bytes, header, vlr)? {
+        loaded.warnings.push(format!(
+            "the header promises {} points, the packed data hold more; the others were not read",
+            header.count
+        ));
+    }
     let damaged = |e: String| {
         Error::new(ErrorKind::Format, "the packed points are damaged")
             .caused_by(e)
@@ -57,8 +62,9 @@ fn description(bytes: &[u8]) -> Result<&[u8], Error> {
     Err(wrong("the points are packed, but the file does not say how"))
 }
 
-/// Makes sure that the sizes of records, chunks and layers fit the file.
-fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
+/// Makes sure that the sizes of records, chunks and layers fit the file. Says whether they are certain to hold more
+/// points than the header promises.
+fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<bool, Error> {
     let cut = || wrong("truncated: the description of the packing is not whole");
     let items = unsigned(vlr, 32, 2).ok_or_else(cut)?;
     let (mut record, mut layers) = (0, 0);
@@ -86,7 +92,7 @@ fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
     // Packing pointwise, in one piece, has no table.
     let kind = unsigned(vlr, 0, 2).ok_or_else(cut)?;
     if kind == 1 {
-        return Ok(());
+        return Ok(false);
     }
     let mut table = unsigned(body, 0, 8).ok_or_else(cut)?;
     if table <= header.start as u64 || table > i64::MAX as u64 {
@@ -96,8 +102,11 @@ fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
     if chunks.is_some_and(|n| n > header.count.min(bytes.len() as u64) + 1) {
         return Err(wrong("the table of the packed chunks is damaged"));
     }
+    // All chunks but the last one are full, unless their size varies.
+    let size = unsigned(vlr, 12, 4).filter(|size| *size < u64::from(u32::MAX));
+    let least = size.zip(chunks).map_or(0, |(size, chunks)| chunks.saturating_sub(1).saturating_mul(size));
     if kind != 3 {
-        return Ok(());
+        return Ok(least > header.count);
     }
     // Each chunk: its first point as it is, the number of its points, the sizes of its layers, the layers.
     let (mut at, mut points) = (8_u64, 0);
@@ -114,7 +123,7 @@ fn check(bytes: &[u8], header: &Header, vlr: &[u8]) -> Result<(), Error> {
             return Err(wrong("the packed chunks are longer than the file"));
         }
     }
-    Ok(())
+    Ok(points.max(least) > header.count)
 }
 
 #[cfg(test)]
@@ -122,10 +131,15 @@ pub(in super::super) mod tests {
     use super::super::tests::{POINTS, header, records};
     use super::super::{looks_like_las, read};
     use super::*;
-    use laz::{LasZipCompressor, LazItemRecordBuilder};
+    use laz::{LasZipCompressor, LazItemRecordBuilder, LazVlrBuilder};
 
     /// A packed file of three points.
     pub fn sample(format: u8) -> Vec<u8> {
+        packed(format, 3, 3)
+    }
+
+    /// The same with so many points in a chunk, and with another count in its header.
+    fn packed(format: u8, chunk: u32, count: u64) -> Vec<u8> {
         let items = LazItemRecordBuilder::default_for_point_format_id(format, 0).unwrap();
         let (minor, record) = if format >= 6 { (4, 30) } else { (2, 20) };
         let rows: Vec<u8> = records()
@@ -138,7 +152,7 @@ pub(in super::super) mod tests {
                 row
             })
             .collect();
-        let vlr = laz::LazVlr::from_laz_items(items);
+        let vlr = LazVlrBuilder::new(items).with_fixed_chunk_size(chunk).build();
         let mut description = Vec::new();
         vlr.write_to(&mut description).unwrap();
         let mut extra = vec![0; 54];
@@ -146,7 +160,7 @@ pub(in super::super) mod tests {
         extra[18..20].copy_from_slice(&22204_u16.to_le_bytes());
         extra[20..22].copy_from_slice(&(description.len() as u16).to_le_bytes());
         extra.extend(description);
-        let mut bytes = header(minor, format | 0x80, &extra, 3);
+        let mut bytes = header(minor, format | 0x80, &extra, count);
         bytes[105..107].copy_from_slice(&(record as u16).to_le_bytes());
         let mut out = Cursor::new(bytes);
         out.seek(SeekFrom::End(0)).unwrap();
@@ -155,6 +169,26 @@ pub(in super::super) mod tests {
         packer.done().unwrap();
         drop(packer);
         out.into_inner()
+    }
+
+    #[test]
+    fn a_count_that_is_too_small_is_warned_of() {
+        for (format, chunk, count, more) in [
+            (0, 2, 1, true),
+            (6, 2, 1, true),
+            // Chunks of the newer formats say how many points they hold.
+            (6, 3, 2, true),
+            (0, 1, 3, false),
+            (6, 1, 3, false),
+            (6, 2, 3, false),
+        ] {
+            let loaded = read(&packed(format, chunk, count), Want::Cloud).unwrap();
+            assert_eq!(loaded.verts, POINTS[..count as usize]);
+            let expected =
+                format!("the header promises {count} points, the packed data hold more; the others");
+            let warned = loaded.warnings.iter().any(|w| w.starts_with(&expected));
+            assert!(warned == more && loaded.warnings.len() == usize::from(more), "{format} {chunk} {count}");
+        }
     }
 
     #[test]

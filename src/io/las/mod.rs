@@ -39,8 +39,11 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         for row in body.chunks_exact(header.record).take(header.count as usize) {
             header.push(row, want, &mut loaded)?;
         }
+        let found = header.records_end(bytes).saturating_sub(header.start) / header.record;
+        loaded.warn_of_rest("points", header.count, found as u64);
     }
     short_colours(&mut loaded.attributes);
+    loaded.warnings.extend(header.outside(&loaded.verts));
     Ok(loaded)
 }
 
@@ -157,6 +160,72 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_count_that_is_too_small_is_warned_of() {
+        let expected = "the header promises 2 points, 3 are there; the last 1 were not read";
+        for minor in [0, 2, 3, 4] {
+            let warnings = |count, tail: usize| {
+                let bytes = [header(minor, 0, &[], count), records(), vec![7; tail]].concat();
+                let loaded = read(&bytes, Want::Cloud).unwrap();
+                assert_eq!(loaded.verts, POINTS[..count as usize]);
+                loaded.warnings
+            };
+            assert_eq!(warnings(2, 0), [expected], "1.{minor}");
+            assert_eq!(warnings(2, 19), [expected], "1.{minor}");
+            assert!(warnings(3, 0).is_empty() && warnings(3, 19).is_empty(), "1.{minor}");
+        }
+        // What else may follow the points since version 1.3 and 1.4.
+        for (minor, field) in [(3, 227), (4, 227), (4, 235)] {
+            let extras = if minor == 3 { vec![0; 8] } else { Vec::new() };
+            let mut bytes = [header(minor, 0, &extras, 3), records()].concat();
+            let end = bytes.len() as u64;
+            bytes[100..104].fill(0);
+            if minor == 3 {
+                bytes[94..96].copy_from_slice(&235_u16.to_le_bytes());
+            }
+            bytes[field..field + 8].copy_from_slice(&end.to_le_bytes());
+            bytes.extend([7; 100]);
+            assert!(read(&bytes, Want::Cloud).unwrap().warnings.is_empty(), "1.{minor} {field}");
+        }
+    }
+
+    #[test]
+    fn points_outside_the_box_of_the_header_are_warned_of() {
+        // The box of the points.
+        let (low, high) = ([99.75, 200.25, -3.5], [101.0, 201.0, -2.75]);
+        let warnings = |low: [f64; 3], high: [f64; 3]| {
+            let mut head = header(2, 0, &[], 3);
+            for axis in 0..3 {
+                head[179 + 16 * axis..][..8].copy_from_slice(&high[axis].to_le_bytes());
+                head[187 + 16 * axis..][..8].copy_from_slice(&low[axis].to_le_bytes());
+            }
+            read(&[head, records()].concat(), Want::Cloud).unwrap().warnings
+        };
+        for (low, high) in [
+            (low, high),
+            (low.map(|x| x - 9.0), high.map(|x| x + 9.0)),
+            // A step of rounding.
+            (low.map(|x| x + 0.2), high.map(|x| x - 0.2)),
+            // Boxes that were not filled in.
+            ([0.0; 3], [0.0; 3]),
+            ([f64::NAN; 3], [f64::NAN; 3]),
+            ([f64::MAX; 3], [f64::MIN; 3]),
+            (low, [101.0, f64::INFINITY, -3.0]),
+        ] {
+            assert!(warnings(low, high).is_empty(), "{low:?} {high:?}");
+        }
+        for (low, high, count) in [
+            ([99.75, 200.25, -2.9], high, 1),
+            (low, [100.2, 201.0, -2.75], 2),
+            (low, [101.0, 200.6, -2.75], 1),
+            ([0.0; 3], [1.0, 1.0, 1.0], 3),
+        ] {
+            let all = warnings(low, high);
+            let expected = format!("{count} of 3 points lie outside the box that the header gives");
+            assert!(all.len() == 1 && all[0].starts_with(&expected), "{all:?}");
+        }
+    }
+
+    #[test]
     fn what_is_wrong_is_said() {
         let message = |bytes: Vec<u8>| read(&bytes, Want::Cloud).map(|l| l.verts).unwrap_err().to_string();
         assert!(message(b"LASF\x00".to_vec()).contains("ends in its header, at 5 bytes"));
@@ -164,6 +233,19 @@ pub(super) mod tests {
         assert!(message(header(2, 11, &[], 0)).contains("point format 11"));
         assert!(message(header(2, 1, &[], 0)).contains("28 bytes or more, not 20"));
         assert!(message(header(4, 0, &[], u64::MAX)).contains("promised, 0 are there"));
+        for (minor, size) in [(0, 227), (2, 227), (3, 227), (4, 375)] {
+            for start in [0_u32, 10, size - 1] {
+                let mut inside = [header(minor, 0, &[], 3), records()].concat();
+                inside[96..100].copy_from_slice(&start.to_le_bytes());
+                let expected =
+                    format!("points begin at byte {start} by the header, inside the header itself");
+                assert!(message(inside).contains(&expected), "1.{minor}");
+            }
+        }
+        // The header may be longer than its version needs.
+        let mut long = [header(2, 0, &[], 3), records()].concat();
+        long[94..96].copy_from_slice(&235_u16.to_le_bytes());
+        assert!(message(long).contains("which has 235 bytes"));
         let mut flat = header(2, 0, &[], 0);
         flat[131..139].fill(0);
         assert!(message(flat).contains("scale"));

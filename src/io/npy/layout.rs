@@ -26,6 +26,9 @@ pub(super) struct ArrayLayout {
     pub guessed: bool,
 }
 
+/// Columns without names that are taken for points and what belongs to them; a matrix of more may be anything.
+pub(super) const MAX_COLUMNS: usize = 16;
+
 impl ArrayLayout {
     /// Columns and fields beside those of x, y and z.
     pub fn others(&self, header: &Header) -> Vec<(usize, usize)> {
@@ -97,7 +100,7 @@ impl ArrayLayout {
             // columns: such arrays are stored the other way round (next arm).
             [rows, columns]
                 if columns >= 3
-                    && !(rows < columns && (3..=16).contains(&rows) && columns > 16)
+                    && !(rows < columns && (3..=MAX_COLUMNS).contains(&rows) && columns > MAX_COLUMNS)
                     && !(rows == 3 && columns > 3) =>
             {
                 (layout.points, layout.columns) = (rows, columns);
@@ -108,13 +111,15 @@ impl ArrayLayout {
                 (layout.points, layout.columns) = (columns, rows);
                 (layout.point_step, layout.column_step) = (steps[1], steps[0]);
             }
-            [height, width, columns] if columns == 3 || (columns <= 16 && columns > 3 && height != 3) => {
+            [height, width, columns]
+                if columns == 3 || (columns <= MAX_COLUMNS && columns > 3 && height != 3) =>
+            {
                 loaded.notices.push(format!("the array was read as an image of {height} x {width} points"));
                 (layout.points, layout.columns) = (height.saturating_mul(width), columns);
                 (layout.width, layout.row_step) = (width, steps[0]);
                 (layout.point_step, layout.column_step) = (steps[1], steps[2]);
             }
-            [columns @ 3..=16, height, width] => {
+            [columns @ 3..=MAX_COLUMNS, height, width] => {
                 loaded.notices.push(format!("the array was read as an image of {height} x {width} points"));
                 (layout.points, layout.columns) = (height.saturating_mul(width), columns);
                 (layout.width, layout.row_step) = (width, steps[1]);

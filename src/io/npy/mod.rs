@@ -3,8 +3,8 @@
 //! The array is n rows of 3 or more columns of real numbers in either byte order and either storage order; or 3 rows of
 //! n columns, an image of points (height, width, 3), or rows with named fields x, y and z.
 
-use super::doubt::Evidence;
-use super::number::unsigned;
+use super::doubt::{Doubt, Evidence};
+use super::number::{NumberType, unsigned};
 use super::options::ReadOptions;
 use super::precision::check_point;
 use super::{Loaded, MAX_ATTRIBUTES, Want};
@@ -15,7 +15,7 @@ mod header;
 mod layout;
 
 use header::{Header, bad_header};
-use layout::ArrayLayout;
+use layout::{ArrayLayout, MAX_COLUMNS};
 
 const MAGIC: &[u8] = b"\x93NUMPY";
 
@@ -48,6 +48,9 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
     };
     // All sizes fit in memory from here on: there are at least 3 bytes for each point.
     let doubted = layout.guessed && options.columns.is_none() && !options.assume;
+    if doubted && layout.columns > MAX_COLUMNS {
+        return Err(Doubt::of_width(layout.columns).error());
+    }
     let mut evidence = Evidence::default();
     loaded.verts.reserve_exact(layout.points);
     let more = if want == Want::Attributes { layout.others(&header) } else { Vec::new() };
@@ -88,11 +91,21 @@ pub(super) fn read(bytes: &[u8], options: &ReadOptions, want: Want) -> Result<Lo
         1 => loaded.notices.push(format!("ignored 1 extra {noun}")),
         extra => loaded.notices.push(format!("ignored {extra} extra {noun}s")),
     }
-    let tail = data.len() as u64 - needed;
-    if tail > 0 {
+    let (tail, row) = (data.len() as u64 - needed, (layout.columns * header.item) as u64);
+    let points = layout.points as u64;
+    if tail >= row && row > 0 {
+        loaded.warn_of_rest("points", points, points.saturating_add(tail / row));
+    } else if tail > 0 {
         loaded.notices.push(format!("ignored {tail} bytes behind the array"));
     }
     Ok(loaded)
+}
+
+/// Whether an array has the shape n x 3 of points, and then whether its numbers are floats.
+pub(super) fn floats_of_points(bytes: &[u8]) -> Option<bool> {
+    let header = Header::parse(split(bytes).ok()?.0).ok()?;
+    let plain = matches!(header.shape[..], [_, 3]) && header.fields.len() == 1;
+    plain.then(|| matches!(header.fields[0].number, NumberType::F16 | NumberType::F32 | NumberType::F64))
 }
 
 /// The columns of an array of values other than points, as attributes named after the array: `name`, or `name_1`,
@@ -282,6 +295,42 @@ pub(super) mod tests {
         assert_eq!(read(&bytes, &options, Want::Cloud).unwrap().verts[1], [0.37 * 5.0, 0.5, 1.5]);
         let options = ReadOptions { assume: true, ..Default::default() };
         assert_eq!(read(&bytes, &options, Want::Cloud).unwrap().verts[1][0], 1.0);
+    }
+
+    #[test]
+    fn matrices_of_many_columns_are_doubted() {
+        let odd = |i: usize| 1.0 + (i * 31 % 97) as f64 / 7.0;
+        let depths = |rows: usize, columns: usize| {
+            let data: Vec<u8> = (0..rows * columns).flat_map(|i| odd(i).to_le_bytes()).collect();
+            array("<f8", false, &format!("({rows}, {columns})"), &data)
+        };
+        for (rows, columns) in [(48, 64), (48, 17), (64, 48), (17, 17), (2, 64), (1, 17)] {
+            let bytes = depths(rows, columns);
+            let e = message(&bytes);
+            assert!(e.starts_with("it is not certain where the coordinates are"), "{e}");
+            assert!(e.contains(&format!("{columns} columns")) && e.contains("--columns 1,2,3"), "{e}");
+            assert!(e.contains("--assume"), "{e}");
+            let given = ReadOptions { columns: Some(Columns::Numbers([3, 1, 2])), ..Default::default() };
+            assert_eq!(read(&bytes, &given, Want::Cloud).unwrap().verts[0], [odd(2), odd(0), odd(1)]);
+            let assumed = ReadOptions { assume: true, ..Default::default() };
+            let loaded = read(&bytes, &assumed, Want::Cloud).unwrap();
+            assert_eq!((loaded.verts.len(), loaded.verts[0]), (rows, [0, 1, 2].map(odd)));
+        }
+        for (rows, columns, points) in [(48, 16, 48), (16, 48, 48), (3, 64, 64)] {
+            assert_eq!(plain(&depths(rows, columns)).unwrap().verts.len(), points, "{rows} x {columns}");
+        }
+    }
+
+    #[test]
+    fn rows_that_the_shape_does_not_count_are_warned_of() {
+        for (shape, fortran) in [("(2, 3)", false), ("(2, 3)", true), ("(1, 2, 3)", false)] {
+            let loaded = plain(&array("|u1", fortran, shape, &[1; 12])).unwrap();
+            let expected = "the header promises 2 points, 4 are there; the last 2 were not read";
+            assert_eq!((loaded.verts.len(), loaded.warnings), (2, vec![expected.to_string()]), "{shape}");
+            let loaded = plain(&array("|u1", fortran, shape, &[1; 8])).unwrap();
+            assert!(loaded.warnings.is_empty());
+            assert_eq!(loaded.notices.last().unwrap(), "ignored 2 bytes behind the array");
+        }
     }
 
     #[test]

@@ -78,13 +78,16 @@ pub(super) fn binary(
     loaded: &mut Loaded,
 ) -> Result<(), Error> {
     let rows = header.rows(body.len())?;
+    // The columns of a packed file are as long as its data say, however many points the header promises.
+    let whole = body.len() / header.row;
+    let stride = if body.len() == whole * header.row { whole } else { rows };
     loaded.verts.reserve_exact(rows);
     for i in 0..rows {
         let value = |field: usize| {
             let field = &header.fields[field];
             let at = match order {
                 Order::Rows => i * header.row + field.offset,
-                Order::Columns => rows * field.offset + i * field.number.size() * field.count,
+                Order::Columns => stride * field.offset + i * field.number.size() * field.count,
             };
             field.number.read(&body[at..], ByteOrder::Little)
         };
@@ -94,7 +97,9 @@ pub(super) fn binary(
         push(loaded, i, want, places.point.map(value), places.normal.map(|n| n.map(value)))?;
     }
     let tail = body.len() - rows * header.row;
-    if tail > 0 {
+    if tail >= header.row {
+        loaded.warn_of_rest("points", rows as u64, whole as u64);
+    } else if tail > 0 {
         loaded.notices.push(format!("ignored {tail} bytes behind the last point"));
     }
     Ok(())

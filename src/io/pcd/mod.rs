@@ -209,6 +209,26 @@ pub(super) mod tests {
     }
 
     #[test]
+    fn a_count_that_is_too_small_is_warned_of() {
+        let short = |bytes: &[u8]| {
+            let text = b"WIDTH 3\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 3\n";
+            let at = bytes.windows(text.len()).position(|w| w == text).unwrap();
+            let few = b"WIDTH 2\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS 2\n";
+            [&bytes[..at], few, &bytes[at + text.len()..]].concat()
+        };
+        let binary = [header("binary").into_bytes(), rows()].concat();
+        for bytes in [binary.clone(), [binary.clone(), vec![7; 32]].concat(), sample()] {
+            let loaded = read(&short(&bytes), Want::Cloud).unwrap();
+            assert_eq!(loaded.verts, POINTS[..2]);
+            let expected = "the header promises 2 points, 3 are there; the last 1 were not read";
+            assert_eq!(loaded.warnings, [expected]);
+        }
+        let tail = read(&[binary, vec![7; 32]].concat(), Want::Cloud).unwrap();
+        assert_eq!((tail.verts.len(), tail.warnings.len()), (3, 0));
+        assert_eq!(tail.notices[0], "ignored 32 bytes behind the last point");
+    }
+
+    #[test]
     fn what_is_wrong_is_said() {
         let ascii = header("ascii");
         let loaded = read((ascii.clone() + "0 1 0 0 0 2 0 3 0 0\n").as_bytes(), Want::Cloud).unwrap();

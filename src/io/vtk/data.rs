@@ -6,6 +6,27 @@ use super::super::{Loaded, MAX_ATTRIBUTES, Want};
 use super::rest::{Rest, number_type};
 use crate::geometry::{Attribute, COLOUR, Number};
 
+/// The names of the sections that may follow the points.
+pub(super) const SECTIONS: [&[u8]; 17] = [
+    b"VERTICES",
+    b"LINES",
+    b"POLYGONS",
+    b"TRIANGLE_STRIPS",
+    b"CELLS",
+    b"CELL_TYPES",
+    b"POINT_DATA",
+    b"CELL_DATA",
+    b"SCALARS",
+    b"COLOR_SCALARS",
+    b"LOOKUP_TABLE",
+    b"NORMALS",
+    b"VECTORS",
+    b"TENSORS",
+    b"TEXTURE_COORDINATES",
+    b"FIELD",
+    b"METADATA",
+];
+
 /// Reads what the file has of each point behind the points, as far as it is understood: normals, and attributes if
 /// they are wanted. `None` if something is not understood or cut short; what came before it is kept.
 pub(super) fn read(rest: &mut Rest<'_>, binary: bool, want: Want, loaded: &mut Loaded) -> Option<()> {

@@ -66,7 +66,13 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
             }
             b"POINTS" => {
                 let mut loaded = points(&parts, &mut rest, binary, want).map_err(at)?;
-                if data::read(&mut rest, binary, want, &mut loaded).is_none() && want == Want::Attributes {
+                let more = more_points(&parts, &rest, binary);
+                if more > 0 {
+                    let read = loaded.verts.len() as u64;
+                    loaded.warn_of_rest("points", read, read + more as u64);
+                } else if data::read(&mut rest, binary, want, &mut loaded).is_none()
+                    && want == Want::Attributes
+                {
                     loaded.notices.push("what stands behind the points was not read to its end".into());
                 }
                 return Ok(loaded);
@@ -89,6 +95,32 @@ pub(super) fn read(bytes: &[u8], want: Want) -> Result<Loaded, Error> {
         Some(size) => image.places(size, bytes.len() - rest.at, want),
         None => Err(wrong("truncated: the file has no line POINTS")),
     }
+}
+
+/// How many points more than promised stand in front of whatever comes behind the points.
+fn more_points(parts: &[&[u8]], rest: &Rest<'_>, binary: bool) -> usize {
+    let body = &rest.bytes[rest.at..];
+    if !binary {
+        let numbers = words(body).take_while(|w| float(w).is_some()).count();
+        return numbers / 3;
+    }
+    let Some(number) = parts.get(2).and_then(|w| number_type(&w.to_ascii_lowercase())) else { return 0 };
+    // Behind the points the file ends, or a line begins with the name of a section, be it one that is not known.
+    let begins = |rest: &[u8]| {
+        data::SECTIONS.iter().any(|name| {
+            let word = rest.get(..name.len()).is_some_and(|w| w.eq_ignore_ascii_case(name));
+            word && rest.get(name.len()).is_none_or(u8::is_ascii_whitespace)
+        })
+    };
+    let mut name = body.trim_ascii_start().split(u8::is_ascii_whitespace);
+    let letters = |word: &[u8]| word.len() >= 4 && word.iter().all(|b| b.is_ascii_alphabetic() || *b == b'_');
+    if name.next().is_some_and(letters) {
+        return 0;
+    }
+    let end = (0..body.len()).find(|&at| body[at] == b'\n' && begins(&body[at + 1..]));
+    // A file may end with the end of a line.
+    let end = end.unwrap_or(body.len() - usize::from(body.ends_with(b"\n")));
+    end / (3 * number.size())
 }
 
 /// The points behind a line such as `POINTS 60 float`.
@@ -196,6 +228,33 @@ pub(super) mod tests {
         let loaded = read(image.as_bytes(), Want::Cloud).unwrap();
         assert_eq!(loaded.verts, [[1.0, 0.0, 0.0], [1.5, 0.0, 0.0], [1.0, 0.0, 2.0], [1.5, 0.0, 2.0]]);
         assert!(loaded.warnings[0].contains("image of 2 x 1 x 2 places"));
+    }
+
+    #[test]
+    fn a_count_that_is_too_small_is_warned_of() {
+        let expected = "the header promises 2 points, 3 are there; the last 1 were not read";
+        let text = "DATASET POLYDATA\nPOINTS 2 float\n1 2 3 -4.5 .25\n6\n\n7 8 -9\n";
+        for behind in ["", "VERTICES 1 4\n3 0 1 2\n", "0.5\n"] {
+            let loaded = read(head("ASCII", &format!("{text}{behind}")).as_bytes(), Want::Cloud).unwrap();
+            assert_eq!((loaded.verts, loaded.warnings), (POINTS[..2].to_vec(), vec![expected.to_string()]));
+        }
+        let binary = |count: usize, behind: &[u8]| {
+            let head = head("BINARY", &format!("DATASET POLYDATA\nPOINTS {count} float\n"));
+            let rows = POINTS.as_flattened().iter().flat_map(|x| (*x as f32).to_be_bytes()).collect();
+            let loaded =
+                read(&[head.into_bytes(), rows, behind.to_vec()].concat(), Want::Attributes).unwrap();
+            assert_eq!(loaded.verts, POINTS[..count]);
+            loaded.warnings
+        };
+        let cells = [&b"\nVERTICES 1 4\n"[..], &[3, 0, 1, 2].map(u32::to_be_bytes).concat()].concat();
+        let data = b"\nPOINT_DATA 3\nSCALARS heat float 1\nLOOKUP_TABLE default\n0123456789ab";
+        for behind in [&b""[..], b"\n", b"1234567890a\n", b"1234567890a\nLINES 0 0\n", &cells, data] {
+            assert_eq!(binary(2, behind), [expected]);
+            assert!(binary(3, behind).is_empty());
+        }
+        assert!(binary(3, b"\nSOMETHING_NEW 1 float\n0123456789ab").is_empty());
+        // Some programs do not end the line of the numbers.
+        assert!(binary(3, &cells[1..]).is_empty());
     }
 
     #[test]
