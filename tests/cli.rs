@@ -367,6 +367,20 @@ fn a_time_limit_ends_early_with_a_mesh() {
         assert!(err(&output).contains(&note), "{}", err(&output));
         assert!(read_mesh(&mesh).unwrap().topology().closed);
     }
+    // The work before the steps is not limited: it is told if that alone took longer, with steps and without.
+    for (limit, options, late) in [
+        ("0", &[][..], true),
+        ("0", &["--set", "start.shape=gauss", "--set", "stages=none"], true),
+        ("1000", &[], false),
+    ] {
+        let mut command = tiny(&dir.cloud(), &mesh);
+        command.args(["--time-limit", limit, "--json", "--quiet"]).args(options);
+        let output = run(&mut command, 0);
+        let told = err(&output).contains("warning: --time-limit 0: what comes before the first step");
+        assert_eq!(told, late, "{}", err(&output));
+        let warnings = parse(&out(&output)).at("warnings").to_string();
+        assert_eq!(warnings.contains("--time-limit"), late, "{warnings}");
+    }
     fails(tiny(&dir.cloud(), &mesh).arg("--time-limit=-1"), 2, &["seconds"]);
 }
 

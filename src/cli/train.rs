@@ -40,6 +40,8 @@ pub struct Trained {
     pub noise_removed: f64,
     /// The last step of this run that had all losses.
     pub last: Option<StepReport>,
+    /// Seconds until the first step could be made: the search for the first shape, or reading a checkpoint.
+    pub before_steps: f64,
     /// Whether the time limit ended the training.
     pub timed_out: bool,
     /// Seconds of this run, preparation included.
@@ -61,6 +63,7 @@ pub fn train(
         Some(path) => Trainer::resume_with_hints(path, points, config, hints).map_err(Failure::Input)?,
         None => Trainer::with_hints(points, config, hints)?,
     };
+    let before_steps = began.elapsed().as_secs_f64();
     let mut progress = Progress::new(&trainer, plan.quiet);
     if let Some(path) = &plan.resume {
         progress.note(&format!("going on after step {} of {}", trainer.steps_done(), path.display()));
@@ -124,6 +127,7 @@ pub fn train(
         total,
         noise_removed,
         last,
+        before_steps,
         timed_out,
         seconds: began.elapsed().as_secs_f64(),
         checkpoint,

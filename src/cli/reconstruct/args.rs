@@ -56,8 +56,9 @@ pub struct ReconstructArgs {
     /// Go on from a checkpoint of the same cloud, with its options; those that are given must agree with it
     #[arg(long, value_name = "FILE")]
     pub resume: Option<PathBuf>,
-    /// Stop after this time and write what there is then: the trained field, or the first shape if the training proper
-    /// has not begun
+    /// Stop the steps after this time and write what there is then: the trained field, or the first shape if the
+    /// training proper has not begun. Only steps are left out: finding the first shape before them, at least one step,
+    /// and taking the mesh behind them are not limited
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_negative_numbers = true)]
     pub time_limit: Option<Duration>,
     /// Write the denser points that the surface was drawn to in the training (ply, xyz, csv)

@@ -96,12 +96,10 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
     if let (false, Some(limit)) = (config.trains(count), config.train_up_to) {
         cloud.notices.extend(untrained(args, &config, limit, common)?);
     }
-    let points = &cloud.points;
-
     let mut trained = {
         let mut hints = Hints::default();
         (hints.normals, hints.anisotropy) = (cloud.normals.as_deref(), args.anisotropy);
-        train(points, &config, &hints, &plan(args, common), Some(&interrupt))?
+        train(&cloud.points, &config, &hints, &plan(args, common), Some(&interrupt))?
     };
     if trained.timed_out {
         common.note(&format!(
@@ -110,6 +108,16 @@ pub fn run(args: &ReconstructArgs, common: Common) -> Result<(), Failure> {
             trained.total,
             trained.last.map_or(String::new(), |r| format!(", in the phase {}", r.phase))
         ));
+    }
+    if let Some(limit) = args.time_limit.filter(|limit| trained.before_steps > limit.as_secs_f64()) {
+        let told = format!(
+            "--time-limit {}: what comes before the first step, such as finding the first shape, alone took {:.1} s; the \
+             limit only ends steps",
+            limit.as_secs_f64(),
+            trained.before_steps
+        );
+        common.warn(&told);
+        cloud.warnings.push(told);
     }
     // What cost the time first: whatever fails from here on, the mesh can be made again from the field.
     let mut report = Written::default();
