@@ -370,7 +370,7 @@ fn a_time_limit_ends_early_with_a_mesh() {
     // The work before the steps is not limited: it is told if that alone took longer, with steps and without.
     for (limit, options, late) in [
         ("0", &[][..], true),
-        ("0", &["--set", "stages=none", "--set", "bsp_pretrain=0"], true),
+        ("0", &["--set", "start.shape=gauss", "--set", "stages=none"], true),
         ("1000", &[], false),
     ] {
         let mut command = tiny(&dir.cloud(), &mesh);
