@@ -120,6 +120,16 @@ pub mod tests {
         );
         assert_eq!((coverage_json(None), coverage_text(&c).len()), ("null".to_string(), 1));
         let lines = coverage_text(&some_coverage(true));
-        assert!(lines[0].contains("3 of 6 points distinct (50.0 %)") && lines[1].contains("(75.0 %), - of"));
+        assert!(lines[0].contains("3 of 6 points distinct (50.0 %)") && lines[1].ends_with("(75.0 %)"));
+        assert_eq!(lines.len(), 2);
+        // Folds are told where points lie in one place, but not where all codes do.
+        let mut c = some_coverage(true);
+        let mut last = |near_pairs, folded_pairs, used| {
+            let codes = c.codes.as_mut().unwrap();
+            (codes.near_pairs, codes.folded_pairs, codes.used) = (near_pairs, folded_pairs, used);
+            coverage_text(&c).pop().unwrap()
+        };
+        assert!(last(4, 1, 6).contains("25.0 % of the pairs"));
+        assert!(last(4, 1, 0).contains("crowd"));
     }
 }
