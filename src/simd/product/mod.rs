@@ -26,6 +26,7 @@ pub(super) use kernels::fuses;
 pub(crate) use mat::MatRef;
 pub(crate) use panels::{DEPTH, Panels};
 
+#[cfg(any(target_arch = "x86_64", target_arch = "aarch64"))]
 use super::InstructionSet;
 use tile::{MAX_TILE, MicroKernel, Tile, Tiles};
 
