@@ -50,6 +50,28 @@ fn a_finished_field_of_version_5_is_read() {
     assert!((topology.volume - 49.65001).abs() < 1e-2, "{topology}");
 }
 
+/// 40 points of an ellipsoid of half axes 3, 2 and 2 around (10, -4, 0); a field of 2 layers of 8, trained for 365 steps
+/// and finished. Written by `reconstruct --save-field`, and the figures below by `sdf` and `info`.
+#[test]
+fn a_finished_field_of_version_6_is_read() {
+    let file = kept("field_6.safetensors");
+    let saved = Saved::from_bytes(&std::fs::read(&file).unwrap()).unwrap();
+    assert!(saved.version == 6 && saved.kind == SavedKind::Result, "{} {:?}", saved.version, saved.kind);
+    let result = Reconstruction::load(file).unwrap();
+    assert_eq!(result.notices(), [""; 0]);
+    let config = result.config();
+    assert_eq!((config.seed, config.field.width, config.band.shift), (5, 8, 1.0));
+    assert_eq!((result.input_points().len(), result.surface_points().len()), (40, 80));
+    let points = [[10.0f32, -4.0, 0.0], [13.0, -4.0, 0.0], [10.0, -1.0, 0.0], [10.5, -4.0, 4.0]];
+    let stored = [-1.2611353, 0.0005618, 1.1035931, 1.7786160];
+    for (found, stored) in result.sdf(&points).into_iter().zip(stored) {
+        assert!((found - stored).abs() < 1e-4, "{found} for {stored}");
+    }
+    let topology = result.mesh(24).unwrap().topology();
+    assert!(topology.closed && topology.genus == Some(0), "{topology}");
+    assert!((topology.volume - 49.64350).abs() < 1e-2, "{topology}");
+}
+
 /// The run of the field above, saved after 334 of its 355 steps.
 #[test]
 fn a_checkpoint_of_version_6_goes_on() {
