@@ -1,5 +1,6 @@
 //! Made-up scenes of known shape, for benchmarks of rooms and streets.
 
+use super::shapes::box_sdf;
 use super::vec3::{add, dot, length, sub, unit_vector};
 use crate::random::Random;
 use rand::RngExt;
@@ -252,11 +253,10 @@ fn weighted<const N: usize>(random: &mut Random, weights: [f64; N]) -> usize {
         .unwrap_or(N - 1)
 }
 
-/// The exact signed distance of p to a box.
+/// The signed distance of `p` to a box given by two corners.
 fn cuboid_sdf(p: [f64; 3], low: [f64; 3], high: [f64; 3]) -> f64 {
-    let q: [f64; 3] =
-        std::array::from_fn(|a| (p[a] - 0.5 * (low[a] + high[a])).abs() - 0.5 * (high[a] - low[a]));
-    length(q.map(|x| x.max(0.0))) + q[0].max(q[1]).max(q[2]).min(0.0)
+    let middle = add(low, high).map(|x| 0.5 * x);
+    box_sdf(sub(p, middle), sub(high, low).map(|x| 0.5 * x))
 }
 
 impl Solid {

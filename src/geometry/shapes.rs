@@ -63,6 +63,12 @@ pub enum AnalyticShape {
     },
 }
 
+/// The signed distance of `p` to a box around the origin, given half of its sides.
+pub(super) fn box_sdf(p: [f64; 3], half: [f64; 3]) -> f64 {
+    let q: [f64; 3] = std::array::from_fn(|a| p[a].abs() - half[a]);
+    length(q.map(|x| x.max(0.0))) + q[0].max(q[1]).max(q[2]).min(0.0)
+}
+
 impl AnalyticShape {
     /// One of each kind with its name, in a box of longest side about 1.
     pub fn gallery() -> [(&'static str, AnalyticShape); 6] {
@@ -167,11 +173,7 @@ impl AnalyticShape {
                 let x = x.abs() - 0.5 * distance;
                 length([x, y, z]) - radius
             }
-            AnalyticShape::RoundedBox { half, round } => {
-                let q: [f64; 3] = std::array::from_fn(|a| p[a].abs() - (half[a] - round));
-                let out = q.map(|x| x.max(0.0));
-                length(out) + q[0].max(q[1]).max(q[2]).min(0.0) - round
-            }
+            AnalyticShape::RoundedBox { half, round } => box_sdf(p, half.map(|h| h - round)) - round,
         }
     }
 

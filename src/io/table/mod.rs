@@ -133,13 +133,16 @@ impl Table<'_> {
         let start = line.iter().position(|b| !space(b))?;
         let end = line.iter().rposition(|b| !space(b))?;
         let line = &line[start..=end];
-        let dialect = Dialect { delimiter: Delimiter::Byte(delimiter), decimal_comma: false };
-        let opens = line[0] == delimiter && delimiter == b'\t' && !line.trim_ascii().is_empty();
-        if !opens && !line.contains(&b'#') || dialect.columns(line) != columns {
+        let opens = line[0] == b'\t' && delimiter == b'\t' && !line.trim_ascii().is_empty();
+        if !opens && !line.contains(&b'#') {
             return None;
         }
+        let dialect = Dialect { delimiter: Delimiter::Byte(delimiter), decimal_comma: false };
         let mut fields = Vec::new();
         dialect.split(line, &mut fields);
+        if fields.len() + usize::from(dialect.ends_open(line)) != columns {
+            return None;
+        }
         // A number sign in front of a row makes it a comment, unless the first column is no coordinate.
         let first_is_name = self.layout.as_ref().is_some_and(|l| !l.guessed && !l.point.contains(&0));
         let mut hashes = fields.iter().enumerate().filter(|(_, f)| f.starts_with(b"#"));
